@@ -8,8 +8,7 @@ INSTALLED_DOCS := $(VENV)/.installed-docs
 
 .PHONY: bench-quick bench-compare report reports test pytest lint pins bench wheel docs notebooks clean
 
-report: $(INSTALLED)
-	$(BIN)/roslf report designs/paper.toml -o reports/paper --figure rays
+report: report-paper
 
 test: $(INSTALLED_DEV)
 	@$(MAKE) --no-print-directory --jobs=2 lint pytest

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from functools import cache
 from html import escape
 
 SYMBOL = re.compile(r"(?<![\w.])([A-Za-zσλΔ])_(ml|[0-9A-Zfkx])(?!\w)(/[dDqL](?!\w))?")
@@ -113,6 +114,19 @@ def length(value: float) -> str:
     """A length [mm] as a reader wants it: five digits, micrometres below 0.1 mm."""
     text = number(value)
     return f"{text} mm" if abs(value) >= 0.1 or text == "0" else f"{1e3 * value:.5g} um"
+
+
+def angle(value: float) -> str:
+    """An angle [rad] to three digits: milliradians, from 1 rad on degrees."""
+    return f"{1e3 * value:.3g} mrad" if abs(value) < 0.9995 else f"{math.degrees(value):.3g} deg"
+
+
+@cache
+def in_file(place: str) -> str:
+    """A dotted place as a design file has it, its elements and stops counted from 1: ``[[elements]] 1, thickness``."""
+    part, _, rest = place.partition(".")
+    index, _, rest = rest.partition(".")
+    return f"[[{part}]] {int(index) + 1}, {rest}" if index.isdigit() else place
 
 
 def sentence(text: str) -> str:

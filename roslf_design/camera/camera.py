@@ -29,6 +29,7 @@ from ..design.check import at
 from ..design.growth import Growth
 from ..design.parts import BEHIND, PATHS, Colours, Layout, Symbols
 from ..lenses.angles import AngleMap
+from ..words import in_file
 from .frames import Frame, Vector, along, cross, dot, frame, total
 from .lengths import ApparentLengths, RulerLengths
 
@@ -836,19 +837,19 @@ class Camera(Symbols[Number]):
         for place, value in self._numbers.items():
             part, _, name = place.partition(".")
             if ".tilt." in place or ".wedge." in place:
-                yield f"{place} is 90 degrees or more", np.abs(value) < np.pi / 2
+                yield f"{in_file(place)} is 90 degrees or more", np.abs(value) < np.pi / 2
                 continue
-            yield f"{place} is not finite", np.isfinite(value)
+            yield f"{in_file(place)} is not finite", np.isfinite(value)
             if place in (TEMPERATURE, *TEMPERATURES, PATHS["d_f"], PATHS["d_3"]):
                 continue
             if place == TIP or (name.endswith("distance") and part in ("stops", "elements")):
-                yield f"{place} is below 0", np.asarray(value) >= 0
+                yield f"{in_file(place)} is below 0", np.asarray(value) >= 0
             elif name.endswith("index"):
-                yield f"{place} is below 1", np.asarray(value) >= 1
+                yield f"{in_file(place)} is below 1", np.asarray(value) >= 1
             elif name in NOT_NEGATIVE:
-                yield f"{place} is below 0", np.asarray(value) >= 0
+                yield f"{in_file(place)} is below 0", np.asarray(value) >= 0
             elif place not in signed and ".decentre." not in place and not place.endswith(SIGNED):
-                yield f"{place} is not above 0", np.asarray(value) > 0
+                yield f"{in_file(place)} is not above 0", np.asarray(value) > 0
 
     def _fits(self) -> Iterator[tuple[str, Any]]:
         plane = np.asarray(self._numbers[PATHS["d_f"]])

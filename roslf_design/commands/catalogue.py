@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 from cyclopts import Parameter
 
 from ..lenses.lens_file import shipped_names
@@ -57,15 +58,16 @@ def catalogue(
     console = Console()
     notes: list[str] = []
     for name in KINDS:
-        lines = []
-        for row in (row for row in chosen if row["kind"] == name):
+        lines, own = [], [row for row in chosen if row["kind"] == name]
+        units = {key: _unit(own, key) for key in SHOWN[name]}
+        for row in own:
             read = " ".join(filter(None, (row.get("page"), f"read {row['read']}" if "read" in row else "")))
             note = "; ".join(filter(None, (row["provenance"], read, row.get("remark"))))
             if row.get("clear_aperture_assumed"):
                 note += "; clear aperture taken as 90 % of the diameter"
             if note not in notes:
                 notes.append(note)
-            cells = [_cell(row, key) for key in SHOWN[name]]
+            cells = [_cell(row, key, units[key]) for key in SHOWN[name]]
             lines.append((row["part"], row.get("maker", ""), *cells, row["confidence"], str(1 + notes.index(note))))
         if lines:
             heads = ("part", "maker", *(key.replace("_", " ") for key in SHOWN[name]), "confidence", "note")
@@ -78,7 +80,13 @@ def catalogue(
     print(f"\n{len(chosen)} parts. Add your own with --file, or in a study.")
 
 
-def _cell(row: Mapping[str, Any], key: str) -> str:
+def _unit(rows: Sequence[Mapping[str, Any]], key: str) -> tuple[float, str]:
+    """Factor and unit of all lengths of a column: micrometres where each is below a millimetre."""
+    values = [row[key] for row in rows if isinstance(row.get(key), (int, float, list, tuple))]
+    return (1e3, "um") if values and np.max(np.hstack(values)) < 1 else (1.0, "mm")
+
+
+def _cell(row: Mapping[str, Any], key: str, unit: tuple[float, str]) -> str:
     value = row.get(key)
     if value is None:
         return ""
@@ -89,4 +97,4 @@ def _cell(row: Mapping[str, Any], key: str) -> str:
     if key == "pixels":
         return " x ".join(str(number) for number in value)
     numbers = value if isinstance(value, (list, tuple)) else [value]
-    return " x ".join(f"{number:.6g} mm" if number >= 0.3 else f"{1e3 * number:.6g} um" for number in numbers)
+    return " x ".join(f"{unit[0] * number:.6g} {unit[1]}" for number in numbers)

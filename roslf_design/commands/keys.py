@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..reporting.keys import FILES, NEEDED, looked_up, told_of, units_of
+from ..reporting.keys import FILES, INSTEAD, NEEDED, looked_up, told_of, units_of
 from ..tables import Table, print_table
 from .terminal import Json, json_text, say
 
@@ -43,4 +43,6 @@ def keys(name: str = "", /, *, json: Json = False) -> None:
     units = units_of(key for _, rows in shown for key in rows)
     say("", *(f"Units of {kind}: {known}." for kind, known in units.items()))
     if any(key.default == NEEDED for _, rows in shown for key in rows):
-        say('"needed": a file without it is refused, unless another key gives it.')
+        say(f'"{NEEDED}": a file without it is refused.')
+    if any(key.default == INSTEAD for _, rows in shown for key in rows):
+        say(f'"{INSTEAD}": needed, unless what the meaning names stands for it.')

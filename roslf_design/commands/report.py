@@ -172,6 +172,8 @@ def report(
     write_files(folder, files)
     for name in listed(files):
         say(folder / name)
+    if content.answer:
+        say(content.answer)
 
 
 def maker(

@@ -15,10 +15,12 @@ from ..errors import Argument, refusal, with_options
 from ..reporting.blocks import Block, Paragraph
 from ..reporting.printers import page_files
 from ..reporting.tolerance.pages import (
+    LOOSER,
     cost_words,
     depth_sentence,
     headline,
     impossible_words,
+    loose_words,
     share_words,
     tables,
     tolerance_pictures,
@@ -119,6 +121,8 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
     yield Paragraph(headline(result))
     if result.left_out:
         yield Paragraph(result.left_out)
+    if loose := loose_words(result.plan):
+        yield Paragraph(f"{loose} {LOOSER}")
     misses = result.plan.nominal_misses()
     if misses:
         yield Paragraph(f"The nominal design itself misses {', '.join(misses)}: change the design or the limits.")

@@ -17,7 +17,7 @@ from ..theory.exit_pupil import microlens_image_diameter, stop_angle
 from ..theory.light import chief_slope, outer_slope
 from ..theory.stop_images import settled, stop_openings
 from ..theory.vignetting import room_at
-from ..words import percent
+from ..words import angle, percent
 from . import lens
 from .effect import Effect, Estimate, Subject
 
@@ -138,11 +138,11 @@ def cos4(s: Subject) -> Estimate:
 
 def _mla_rotation(s: Subject) -> Estimate:
     """Chord 2 X_ml sin(rotation/2) that the outermost microlens moves by [px]."""
-    angle = s.design.microlens_array.rotation
-    if angle == 0:
+    turned = s.design.microlens_array.rotation
+    if turned == 0:
         return Estimate(0.0, "the array is not rotated")
-    moved = 2 * s.x_ml * abs(math.sin(angle / 2)) / s.design.q
-    return Estimate(moved, f"{angle * 1e3:.3g} mrad move microlenses by {moved:.3g} px {s.at}")
+    moved = 2 * s.x_ml * abs(math.sin(turned / 2)) / s.design.q
+    return Estimate(moved, f"{angle(turned)} move microlenses by {moved:.3g} px {s.at}")
 
 
 def tilt_shift(camera: Camera, x_ml: float) -> float:
@@ -165,9 +165,9 @@ def tilt_shift(camera: Camera, x_ml: float) -> float:
     array, sensor = tilt("microlens_array"), tilt("sensor")
     moved = x_ml * (array + sensor) * (slope + cone)
     moved += x_ml * (2 * math.sin(array / 2) ** 2 + 2 * math.sin(sensor / 2) ** 2)
-    angle = x_ml * float(camera.seen.inverse_m) / float(camera.seen.gap)
+    field_angle = x_ml * float(camera.seen.inverse_m) / float(camera.seen.gap)
     for rim in camera.openings_ahead:
-        moved += 0.0 if rim.leans else float(rim.radius) * tilt(rim.part) * angle * scale(rim.distance)
+        moved += 0.0 if rim.leans else float(rim.radius) * tilt(rim.part) * field_angle * scale(rim.distance)
     height = x_ml * float(camera.seen.d_3 / camera.seen.A)
     return moved + height**2 / float(camera.f) * tilt("main_lens") * scale(camera.seen.d_3)
 

@@ -24,11 +24,11 @@ from ..reporting.depth.pages import statements as depth_statements
 from ..reporting.optimise.pages import statements
 from ..reporting.optimise.pictures import SearchEnd, VariableMove, ends_of
 from ..reporting.story import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation
-from ..reporting.tolerance.pages import depth_sentence, impossible_words
+from ..reporting.tolerance.pages import depth_sentence, impossible_words, loose_words
 from ..reporting.tolerance.pictures import LimitSpread, Offender, Yields
 from ..theory.depth_budget import depth_budget
 from ..theory.quantities import in_words, quantity_named
-from ..tolerancing.metrics import METRICS
+from ..tolerancing.metrics import DISTANT, METRICS, Column
 from ..tolerancing.places import perturbable, short_name
 from ..tolerancing.result import lengths_left_out
 from ..tolerancing.run import tally_chunk
@@ -252,7 +252,7 @@ USUAL_LIMITS = (
 """The first look's limits in words."""
 LIMITED = [
     {"key": name, "label": f"{metric.label} [{metric.unit}]" if metric.unit else metric.label}
-    for name, metric in METRICS.items()
+    for name, metric in (METRICS | DISTANT).items()
 ]
 """Metrics that may be limited."""
 
@@ -266,6 +266,14 @@ def forms(state: State) -> dict[str, Any]:
         "trials": lens.trials,
         "usual": USUAL_LIMITS,
         "limited": LIMITED,
+        "asked": [
+            {
+                "of": asked.quantity,
+                "at": "" if asked.at is None else format_quantity(asked.at, "length"),
+                **{side: "" if end is None else str(end) for side, end in (("min", asked.min), ("max", asked.max))},
+            }
+            for asked in design.required
+        ],
         "goals": [{"key": key, "label": goal.label} for key, goal in GOALS.items()],
         "variables": [_offered(s, state) for s in VARIABLES],
         "required": bool(design.required),
@@ -348,9 +356,11 @@ def _bounds(design: Design, symbol: str, options: Options) -> tuple[float, float
 
 
 def _limits(options: Options) -> tuple[MetricGoal, ...]:
-    """Limits that were asked for: quantities with the ends beside them."""
-    rows = zip(*(options.get(f"limit_{part}", ()) for part in ("of", "min", "max")), strict=False)
-    asked = [(name, zip(("min", "max"), ends, strict=True)) for name, *ends in rows if name]
+    """Limits that were asked for: quantities with the ends, and the distance, beside them."""
+    named = options.get("limit_of", ())
+    parts = ("min", "max", "at")
+    rows = zip(named, *(options.get(f"limit_{part}") or [""] * len(named) for part in parts), strict=False)
+    asked = [(name, zip(parts, ends, strict=True)) for name, *ends in rows if name]
     return tuple(
         MetricGoal(metric=name, **{end: _number_or_text(text) for end, text in ends if text.strip()})
         for name, ends in asked
@@ -433,7 +443,10 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     design, trials = request.design, request.trials
     tell(None, "limits and tolerances")
     data: dict[str, Any] = quick_study(design, request.seed) | {"grade": request.grade, "trials": trials}
-    limits = [limit.model_dump(exclude_none=True) for limit in request.limits]
+    limits = [
+        limit.model_dump(exclude_none=True) | ({} if limit.at is None else {"at": f"{limit.at!r} mm"})
+        for limit in request.limits
+    ]
     data["goals"] = limits if request.only_own else data["goals"] + limits
     if not request.calibrated:
         data["compensators"] = []
@@ -469,7 +482,8 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     decoder = "calibrated on each build" if request.calibrated else "as designed"
     built = lengths_built(plan)
     depth = depth_budget(Camera.of(design.thin_twin), build=built)
-    told = (depth_sentence(depth, design), in_words(lengths_left_out(plan, built)), impossible_words(variant))
+    left_out = in_words(lengths_left_out(plan, built))
+    told = (depth_sentence(depth, design), left_out, loose_words(plan), impossible_words(variant))
     return ToleranceResult(
         grade=request.grade,
         share=own,
@@ -494,8 +508,9 @@ def _label(column: str) -> str:
 def _limit_words(limit: MetricGoal) -> str:
     """A limit in a sentence."""
     ends = {"at least": limit.min, "at most": limit.max}
-    told = [f"{word} {end:.4g} {METRICS[limit.metric].unit}".strip() for word, end in ends.items() if end is not None]
-    return f"{in_words(limit.metric)} {listed(told)}"
+    column = Column(limit.metric, None, limit.at)
+    told = [f"{word} {end:.4g} {column.quantity.unit}".strip() for word, end in ends.items() if end is not None]
+    return f"{_label(column.label)} {listed(told)}"
 
 
 def _offenders(plan: TolerancePlan) -> Iterator[Offender]:

@@ -320,7 +320,7 @@ def _check(problem: DesignProblem, name: Global, settings: Settings, budget: Sea
     unit = globally(guard, problem.n, name, 1.0 + 3.0 * steepest, most, settings.seed)
     tolerance = max(settings.tolerance, problem.finest)
     polished = searched(problem, unit, budget, settings.evaluations, tolerance)
-    solver = {"crs2": "CRS2_LM with penalty", "isres": "ISRES"}[name]
+    solver = {"crs2": "random search, CRS2", "isres": "evolutionary search, ISRES"}[name]
     return Check(solver, guard.evaluations, guard.merit if guard.feasible else None, polished)
 
 
@@ -446,7 +446,7 @@ def optimum_accuracy(answer: Answer, seconds: float | None = None) -> Accuracy |
     method = f"SLSQP from {len(answer.searches)} starts to {answer.settings.tolerance:g}, the best polished"
     return Accuracy(
         "merit of the optimum (0.01: 1 % of a goal)",
-        method + (f"; checked by a global search ({checks})" if checks else ""),
+        method + (f"; checked by a second search ({checks})" if checks else ""),
         AGREE if asked is None else asked,
         answer.gained,
         "what one more search gained",

@@ -158,6 +158,15 @@ class Report:
         """All figures, in their order."""
         return tuple(b for section in self.sections for b in section.blocks if isinstance(b, Figure))
 
+    @property
+    def answer(self) -> str:
+        """The first answer that is bad, or else the first, in one line with its sign; empty where there is none."""
+        blocks = [block for section in self.sections[:1] for block in section.blocks]
+        said = [one for block in blocks if isinstance(block, Statements) for one in block.items]
+        faults = [one for one in said if one.tone == "bad"]
+        more = f" ({len(faults) - 1} more ✗ in the report)" if len(faults) > 1 else ""
+        return "".join(f"{MARKS[one.tone][0]} {one.text}{more}" for one in [*faults, *said][:1])
+
     def figure(self, name: str) -> Figure:
         """Figure of a name; a notebook shows it.
 

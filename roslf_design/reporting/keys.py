@@ -73,7 +73,7 @@ _OTHERS = (
     (Lens, "text or table"), (FieldPlace, "name or [length, length]"), (Material, "name or table"),
     (Gradient, "gradient\u00a0>\u00a00"), (Radius, '`"inf"` or length'), (Curvature, "curvature"),
 )  # fmt: skip
-NEEDED = "needed"
+NEEDED, INSTEAD = "needed", "see meaning"
 """Default of a key that a file must have, unless another gives it."""
 
 
@@ -137,8 +137,10 @@ class KeyTable(NamedTuple):
                 raise UndescribedError(
                     f"{self.model.__name__}.{name} is described neither in the code nor in keys.toml"
                 )
-            needed = field.is_required() or field.validate_default
-            default = NEEDED if needed else _default(field.get_default(call_default_factory=True), hints[name])
+            default = NEEDED
+            if not field.is_required():  # a default that is validated stands for what is given elsewhere
+                other = field.validate_default
+                default = INSTEAD if other else _default(field.get_default(call_default_factory=True), hints[name])
             # In a file a length carries its own unit.
             meaning = re.sub(r" ?\[(mm|rad|lx|s|W/m\^2/sr|degrees C)\]", "", words[name])
             meaning = re.sub(r"\bNone\b", "left out", re.sub(r"(?<=\. )None\b", "Left out", meaning)).strip(" .")

@@ -29,6 +29,7 @@ from ..lenses.glass import AIR
 from ..lenses.tracer import MODES
 from ..toml_files import PlainNumber, StrictTable, read_toml, validated
 from ..units import FARTHEST, read_quantity, within_reach
+from ..words import angle
 
 Value = TypeVar("Value")
 
@@ -48,7 +49,6 @@ SHOWN = {
     "curvature": (1.0, " /mm"),
     "gradient": (1.0, " /mm"),
     "ratio": (100.0, " %"),
-    "angle": (1e3, " mrad"),
     "temperature": (1.0, " K"),
 }
 """Kind to the factor and unit that deviations are shown with; lengths choose their own."""
@@ -215,6 +215,8 @@ def display(value: float, kind: str) -> str:
     if not math.isfinite(value):
         return "any"
     value = value if abs(value) > 1e-10 else 0.0  # rounding, where parts touch
+    if kind == "angle":
+        return angle(value)
     if kind not in ("length", "form"):
         scale, unit = SHOWN[kind]
         return f"{scale * value:.3g}{unit}"

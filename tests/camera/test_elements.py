@@ -474,3 +474,8 @@ def test_an_empty_bore_leaves_every_plane_where_it_is(z):
     assert np.all(plane.magnification == 1)
     assert np.all(plane.medium == 1)
     assert np.array_equal(camera.plane_seen_at(z), z)
+
+
+def test_a_build_that_is_no_camera_names_the_element_as_its_file_does():
+    build = Camera.of(PAPER.replace({"elements": [PLATE]})).replace({"elements.0.thickness": -0.1})
+    assert "[[elements]] 1, thickness is not above 0" in [words for words, holds in build.faults().items() if holds]

@@ -26,6 +26,7 @@ from roslf_design.explorer.runs import (
 )
 from roslf_design.explorer.state import BY_SYMBOL, State, read
 from roslf_design.theory.quantities import QUANTITIES
+from roslf_design.tolerancing.study import tolerance_plan
 
 PAPER = load("paper")
 IMAGE_PITCH = 0.0627261
@@ -92,6 +93,25 @@ def test_own_limits_are_those_of_the_yield():
     assert f"at least {nominal:.4g} mm" in result.question
     both = read_form(ToleranceRequest, PAPER, limited(rows[0], trials=["64"]))
     assert (both.only_own, [limit.metric for limit in both.limits]) == (False, ["object_sample_mm"])
+
+
+def test_what_a_design_requires_is_what_a_good_build_holds():
+    """As `roslf tolerance` has it where a study has no goals of its own; the form's rows show it, to be edited."""
+    limits = {"total_length_mm": {"max": "400 mm"}, "object_sample_mm": {"at": "150 mm", "max": "0.2 mm"}}
+    asking = PAPER.replace({"required": limits})
+    rows = forms(State.of(asking))["asked"]
+    assert rows == [
+        {"of": "total_length_mm", "at": "", "min": "", "max": "400 mm"},
+        {"of": "object_sample_mm", "at": "150 mm", "min": "", "max": "0.2 mm"},
+    ]
+    assert forms(State.of(PAPER))["asked"] == []
+    options = {f"limit_{part}": [row[part] for row in rows] for part in ("of", "min", "max", "at")}
+    request = read_form(ToleranceRequest, asking, options | {"trials": ["64"], "only_own": ["on"]})
+    study = {"name": "the same", "design": "paper", "grade": request.grade, "trials": 64}
+    assert request.limits == tolerance_plan(study, asking)[1].goals
+    result = run_tolerance(request)
+    assert len(result.limits) == 2
+    assert "object sample at 150 mm at most 0.2 mm" in result.question
 
 
 def test_the_optimise_form_is_read():

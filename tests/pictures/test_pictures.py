@@ -12,6 +12,7 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.design import load, preset_names
 from roslf_design.drawing.marks import Area, Image, Text
+from roslf_design.drawing.picture import PAGE
 from roslf_design.errors import InputError
 from roslf_design.evaluation import default_fields, evaluate
 from roslf_design.evaluation.fields import field_openings
@@ -27,6 +28,7 @@ from roslf_design.reporting.design.curves import (
 )
 from roslf_design.reporting.design.effects import effects_budget
 from roslf_design.reporting.design.field import field_map, field_maps, mla_map
+from roslf_design.reporting.design.figures import glance
 from roslf_design.reporting.design.microlens import (
     _image_view,
     microlens_image,
@@ -169,6 +171,14 @@ def test_a_section_fills_its_width_and_tells_by_how_much_it_is_stretched(name, c
     tip = -float(Camera.of(design.thin_twin).tip)
     assert (picture.mapping.x.low <= tip <= picture.mapping.x.high) == (close != "sensor")
     assert ("sensor" in words) == (close != "tip")
+
+
+@pytest.mark.parametrize("name", ["paper", "cystoscope", "rigid-scope"])
+def test_the_glance_s_caption_tells_which_scale_is_stretched(name):
+    across, up = meridional(load(name), (PAGE, 210.0), key=False).mapping.per_px
+    factor = re.search(r"(heights|lengths) ×(\d+(?:\.\d+)?)", glance(load(name), views=False).caption)
+    expected = 1.0 if factor is None else float(factor[2]) ** (1 if factor[1] == "heights" else -1)
+    assert across / up == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.parametrize(("name", "stretched"), [("paper", False), ("cystoscope", True)])

@@ -18,7 +18,7 @@ from roslf_design.drawing import solid
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
 from roslf_design.optimization.parts import Catalogue, load_catalogue
-from roslf_design.reporting.blocks import Code, Figure, Report, Section, Table
+from roslf_design.reporting.blocks import Code, Figure, Report, Section, Statement, Statements, Table
 from roslf_design.reporting.design.compare import comparison_report
 from roslf_design.reporting.design.figures import _picture_sheet
 from roslf_design.reporting.design.pages import design_report, making
@@ -315,6 +315,17 @@ def test_a_pdf_tells_date_version_and_command_at_its_foot_unless_asked_not_to(tm
     assert capsys.readouterr().err == (
         'roslf: SOURCE_DATE_EPOCH: "yesterday" is no date; give whole seconds since 1970, or unset it\n'
     )
+
+
+def test_a_report_ends_with_its_answer_the_faults_first(tmp_path, monkeypatch, capsys):
+    good = Statement("good", "Evenly lit.")
+    bad = Statement("bad", "No light-field camera."), Statement("bad", "Dark.")
+    report = Report("x", "", (Section("Summary", (Statements((good, *bad)),)),))
+    assert report.answer == "✗ No light-field camera. (1 more ✗ in the report)"
+    assert Report("x", "", (Section("Summary", (Statements((good,)),)),)).answer == "✓ Evenly lit."
+    monkeypatch.setattr("roslf_design.commands.report.maker", lambda *_: lambda **_: report)
+    assert main(["report", "paper", "-o", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == report.answer
 
 
 def test_reports_that_git_keeps_are_made_without_a_date(root):

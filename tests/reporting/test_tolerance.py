@@ -18,6 +18,7 @@ from roslf_design.reporting.tolerance.pages import (
     _tolerance_section,
     _yield_statement,
     blame,
+    loose_words,
     ranking,
     tables,
     tolerance_pictures,
@@ -245,3 +246,13 @@ def test_of_many_tolerances_a_page_shows_those_that_matter_and_the_file_has_all(
     assert len({tuple(row[:1]) for row in rows}) == count
     shares = [float(row[[*table.headings].index("r² [%]")]) for row in rows]
     assert min(shares[:15]) >= max(shares[15:])
+
+
+def test_tolerances_over_a_tenth_of_their_lengths_are_told():
+    """Of the paper's d_2 = 2 mm and d = 63 um; a decentre, an angle and the pupil's 0 mm are no lengths to compare."""
+    lines = [("d_2", "0.21 mm"), ("d", "6.2 um"), ("aperture.decentre", "1 mm"), ("aperture.tilt", "9 deg")]
+    data = {"name": "loose", "design": "paper", "trials": 64, "goals": [{"metric": "fill_factor", "min": 0.5}]}
+    data["perturb"] = [{"place": place, "tolerance": size} for place, size in lines]
+    assert loose_words(tolerance_plan(data)[0]) == "Tolerances over a tenth of their lengths: d_2 = 2 mm ± 0.21 mm."
+    data["perturb"][0]["tolerance"] = "0.19 mm"
+    assert loose_words(tolerance_plan(data)[0]) == ""

@@ -162,6 +162,7 @@ def test_places():
     assert short_name("aperture.distance") == "d_3"
     assert [display(0.02, "length"), display(0.001, "angle"), display(0.003, "ratio")] == ["20 um", "1 mrad", "0.3 %"]
     assert display(np.inf, "length") == "any"
+    assert [display(np.pi / 2, "angle"), display(-0.999, "angle")] == ["90 deg", "-999 mrad"]
 
 
 def test_group_members_share_pose_by_pose():

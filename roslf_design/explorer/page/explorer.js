@@ -552,15 +552,19 @@
     template: `<input type="text" spellcheck="false" autocomplete="off" :name="name" :aria-label="label" :value="own === null ? usual : own" @input="typed" @change="left" />`,
   };
 
-  // Limits of the yield: the usual ones, and as many of one's own as are added.
+  // Limits of the yield: those that the design's [required] sets, else the usual ones, and as many as are added.
   const LimitsView = {
     props: ["forms"],
-    setup() { return { count: ref(1) }; },
+    setup(props) {
+      const blank = { of: "", at: "", min: "", max: "" };
+      const rows = ref(props.forms.asked.length ? props.forms.asked.map(row => ({ ...row })) : [{ ...blank }]);
+      return { rows, alone: ref(props.forms.asked.length > 0), add: () => rows.value.push({ ...blank }) };
+    },
     template: `
-<fieldset class="vary limits"><legend>A good build holds</legend><p class="hint">{{ forms.usual }}</p>
-<div v-for="n in count" :key="n"><select name="limit_of" :aria-label="'Limited quantity ' + n"><option value="">{{ n > 1 ? 'nothing more' : 'nothing else' }}</option><option v-for="item in forms.limited" :key="item.key" :value="item.key">{{ item.label }}</option></select>
-<label>min <input type="text" name="limit_min" spellcheck="false" autocomplete="off" :aria-label="'Least ' + n" /></label><label>max <input type="text" name="limit_max" spellcheck="false" autocomplete="off" :aria-label="'Greatest ' + n" /></label></div>
-<button type="button" @click="count++">Add a limit</button><label class="tick"><input type="checkbox" name="only_own" />these alone, without the usual limits</label></fieldset>`,
+<fieldset class="vary limits"><legend>A good build holds</legend><p v-if="forms.asked.length" class="hint">What the design's [required] limits; change it, or add to it.</p><p v-if="!alone" class="hint">{{ forms.usual }}</p>
+<div v-for="(row, k) in rows" :key="k"><select name="limit_of" v-model="row.of" :aria-label="'Limited quantity ' + (k + 1)"><option value="">{{ k ? 'nothing more' : 'nothing else' }}</option><option v-for="item in forms.limited" :key="item.key" :value="item.key">{{ item.label }}</option></select>
+<label>min <input type="text" name="limit_min" v-model="row.min" spellcheck="false" autocomplete="off" :aria-label="'Least ' + (k + 1)" /></label><label>max <input type="text" name="limit_max" v-model="row.max" spellcheck="false" autocomplete="off" :aria-label="'Greatest ' + (k + 1)" /></label><label>at <input type="text" name="limit_at" v-model="row.at" spellcheck="false" autocomplete="off" :aria-label="'Distance ahead of the tip ' + (k + 1)" title="Distance ahead of the tip; the focal plane, or the whole camera, where left out" /></label></div>
+<button type="button" @click="add">Add a limit</button><label class="tick"><input type="checkbox" name="only_own" v-model="alone" />these alone, without the usual limits</label></fieldset>`,
   };
 
   const Menu = {

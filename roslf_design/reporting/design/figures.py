@@ -22,7 +22,7 @@ from .effects import effects_budget
 from .field import field_map, field_maps, lens_images, lens_over_field
 from .instrument import instrument_scene
 from .microlens import microlens_image, microlens_images, rays_and_waves
-from .rays import cells, dimensions, is_centred, meridional, ray_diagrams
+from .rays import cells, dimensions, is_centred, meridional, ray_diagrams, scale_words
 
 if TYPE_CHECKING:
     from ...design import Design
@@ -38,7 +38,9 @@ def glance(design: Design, views: bool) -> Figure:
     low = 250.0
     system = meridional(design, (PAGE, 210.0), key=False)
     parts = [microlens_image(design, (0.0, 0.0), (270.0, low), name="glance-image", key=False)]
-    words = "Above: the camera and its rays, heights enlarged. Below: the image that the middle microlens paints"
+    across, up = system.mapping.per_px
+    above = f"Above: the camera and its rays, {scale_words(across / up)}."
+    words = f"{above} Below: the image that the middle microlens paints"
     if views:
         parts.append(depth_precision(design, (PAGE - 270.0, low)))
         words += ", and how depth noise (bound) grows with distance; depth, expected, is in the table"

@@ -192,10 +192,17 @@ def _instrument_share(design: Design) -> float:
     return (end + _front(design)) / (end + design.d_f)
 
 
-def _scale_label(design: Design, exaggeration: float, whole: bool) -> str:
-    words = "to scale" if exaggeration == 1 else f"lengths to scale, heights ×{short(exaggeration)}"
+def scale_words(exaggeration: float) -> str:
+    """Scales of a section in words, from pixels per millimetre of height over those of length."""
+    if math.isclose(exaggeration, 1, rel_tol=1e-6):
+        return "to scale"
     if exaggeration < 1:
-        words = f"heights to scale, lengths ×{short(1 / exaggeration)}"
+        return f"heights to scale, lengths ×{short(1 / exaggeration)}"
+    return f"lengths to scale, heights ×{short(exaggeration)}"
+
+
+def _scale_label(design: Design, exaggeration: float, whole: bool) -> str:
+    words = scale_words(exaggeration)
     return words if whole else f"{words}; object plane {short(design.d_f)} mm before the lens"
 
 

@@ -273,7 +273,8 @@ def _agreement(answer: Answer) -> Statement:
     )
     doubts = [check.solver for check in answer.checks if not answer.agrees(check)]
     if answer.checks and not doubts:
-        text += f"; a global search ({' and '.join(check.solver for check in answer.checks)}) found none better"
+        names = " and ".join(check.solver for check in answer.checks)
+        text += f"; a second search over all the bounds ({names}) found none better"
     if same > 1 and answer.residual < 1e-4 and not doubts:
         return Statement("good", f"{text}.")
     remedy = "Give more starts." if same <= 1 else ""

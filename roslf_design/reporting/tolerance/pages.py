@@ -24,7 +24,7 @@ from ...tolerancing.budgets import Change, ToleranceBudget
 from ...tolerancing.metrics import DISTANT, METRICS
 from ...tolerancing.places import display, perturbable, short_name
 from ...tolerancing.result import StudyResult, WorstTrial
-from ...tolerancing.study import CALIBRATION
+from ...tolerancing.study import CALIBRATION, TolerancePlan
 from ...tolerancing.summaries import Variant
 from ...tolerancing.yields import Yield
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
@@ -34,6 +34,10 @@ TOP = 12
 """Rows of a ranking."""
 MOST = 14
 """Bars that a ranking shows."""
+LOOSE = 0.1
+"""Share of a length above which its tolerance is told."""
+LOOSER = "A grade knows no sizes: give such a length a tolerance of its own in [[perturb]]."
+"""Remedy of that."""
 MOST_FAULTS = 4
 """Reasons why builds cannot be put together that a sentence names."""
 FOCUS = {"microlens_array.distance": "focus the array", "sensor.distance": "focus the sensor behind the array"}
@@ -144,6 +148,24 @@ def impossible_words(variant: Variant) -> str:
     return f"{percent(variant.impossible)} of the builds cannot be put together: {', '.join(reasons)}."
 
 
+def loose_words(plan: TolerancePlan) -> str:
+    """Lengths whose tolerances are a large part of them, the loosest first; empty where there are none."""
+    design = plan.question.design
+    kinds = perturbable(design)
+    shares = {
+        p: p.tolerance / abs(p.nominal)
+        for p in plan.draws.perturbations
+        if kinds[p.place] == "length" and ".decentre." not in p.place and p.nominal
+    }
+    loose = sorted((p for p, share in shares.items() if share > LOOSE), key=lambda p: -shares[p])
+    told = [
+        f"{short_name(p.place, design)} = {words.length(p.nominal)} ± {display(p.tolerance, 'length')}"
+        for p in loose[:MOST_FAULTS]
+    ]
+    told += [f"{len(loose) - MOST_FAULTS} more"] if len(loose) > MOST_FAULTS else []
+    return f"Tolerances over a tenth of their lengths: {', '.join(told)}." if told else ""
+
+
 def _yield_statement(result: StudyResult, name: str = "", first_look: bool = False) -> Statement:
     """The yield as an answer, with what would mend it; neither good nor bad by limits of a first look."""
     target = result.study.yield_target
@@ -198,6 +220,8 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
             )
         yield Statement("caution", lost, remedy)
     yield _yield_statement(result, first_look=first_look)
+    if loose := loose_words(result.plan):
+        yield Statement("caution", loose, LOOSER)
     if result.precision is not None:
         accuracy = result.precision.accuracy
         yield Statement("caution" if accuracy.kept is False else "plain", words.sentence(accuracy.sentence(False)))
