@@ -85,8 +85,9 @@ class DepthBudget:
 
     @property
     def mostly(self) -> str:
-        """Its largest term, and the caution."""
-        return "; ".join(filter(None, (f"mostly {self.largest.name}", self.caution)))
+        """Its largest term, lengths that are taken as drawn, and the caution."""
+        drawn = f"{BUILT} not in it" * self.as_drawn
+        return "; ".join(filter(None, (f"mostly {self.largest.name}", drawn, self.caution)))
 
     @property
     def words(self) -> str:

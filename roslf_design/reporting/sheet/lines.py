@@ -366,7 +366,7 @@ def _useful(budget: Callable[[float], DepthBudget], focus: float) -> float:
 def _expected_lines(budgets: Mapping[float | None, DepthBudget], useful: float) -> Iterator[_SheetLine]:
     """Lines on what a measured depth is to be believed to, on the axis, in the terms of the GUM."""
     budget = budgets[None]
-    u, largest = float(budget.u_z_mm), budget.mostly + "; lengths as built not in it" * budget.as_drawn
+    u, largest = float(budget.u_z_mm), budget.mostly
     missing = "" if math.isfinite(u) else "none"
     yield _SheetLine(EXPECTED, f"expanded uncertainty U, k = {COVERAGE}", COVERAGE * u, "mm", largest, "", missing)
     yield _SheetLine(EXPECTED, "standard uncertainty u", u, "mm", "68 of 100 lie within", "", missing)
