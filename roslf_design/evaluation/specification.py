@@ -310,7 +310,7 @@ class Specification:
     focused: FocusedArray | None = None
     """Focused microlenses, of which what is reported of views means nothing."""
     has_views: bool = True
-    """Whether pixels are views; else what is reported of them means nothing."""
+    """Whether pixels are views."""
 
     def to_dict(self) -> dict[str, Any]:
         """As `specification` of `roslf evaluate --json`; what is infinite, or means nothing, is None."""

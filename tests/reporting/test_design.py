@@ -119,7 +119,9 @@ def test_same_design_same_bytes_and_nothing_else_in_the_folder(text, tmp_path, m
     assert sorted(path.name for path in (tmp_path / "report-paper").iterdir()) == ["index.html", "tables"]
     told = capsys.readouterr()
     assert told.err == ""
-    assert told.out.split() == [str(Path("report-paper") / name) for name in ("index.html", "tables")]
+    *paths, answer = told.out.splitlines()
+    assert paths == [str(Path("report-paper") / name) for name in ("index.html", "tables")]
+    assert answer.startswith("✓ f-number matched: image fill 1.0051")
     with (tmp_path / "report-paper" / "tables" / "field-of-view.csv").open() as file:
         rows = list(csv.reader(file))
     assert rows[1][:2] == ["from the entrance pupil, full (diagonal)", "16.67 deg"]
