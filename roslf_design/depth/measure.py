@@ -557,13 +557,10 @@ def simulate(
         )
         runs.append(run.within(rows, columns))
     true = true[rows, columns]
-    seen = float(np.isfinite(true).mean())
-    bright = (level - (1 - seen) * scene.background) / seen if seen else level
-    texture = assumed(design, scene, runs[0].disparities.window, bright if bright > 0 else level)
-    prediction = _predict(texture, runs[0].field, true, actual.traced)
+    texture = assumed(design, scene, runs[0].disparities.window, level, float(np.isfinite(true).mean()))
     exposed = (picture.pixels * full + veil) / saturation
     return Trial(
-        tuple(runs), true, prediction, scene, part, believed, mean, picture, white, viewing,
+        tuple(runs), true, _predict(texture, runs[0].field, true, actual.traced), scene, part, believed, mean, picture, white, viewing,
         float((exposed >= 1).mean()), float(np.quantile(exposed, 0.999)),
         _aliased(camera, actual.traced, runs[0].field, _texture_of(scene), true),
     )  # fmt: skip
@@ -602,16 +599,18 @@ def _texture_of(scene: Scene) -> Noise | None:
     return noise[0] if len(kinds) == 1 and len(noise) == len(textures) else None
 
 
-def assumed(design: Design, scene: Scene, window: int, level: float | None = None) -> Design:
+def assumed(design: Design, scene: Scene, window: int, level: float | None = None, seen: float = 1.0) -> Design:
     """The design with the texture that errors are predicted for: the scene's where that is known, else its own.
 
     Where the mean `level` over white of a part is known, contrast is relative to that: coarse octaves make a part
     brighter or darker than the whole, detail no stronger or fainter, and the exposure gives its mean the same light.
+    The texture is `seen` in a share of the part, the background in the rest.
     """
     settings: dict[str, Any] = {"depth.window": window}
     texture = _texture_of(scene)
     if texture is not None:
-        brightness = 1.0 if level is None else level / texture.mean
+        lit = 0.0 if level is None or not seen else (level - (1 - seen) * scene.background) / seen
+        brightness = lit / texture.mean if lit > 0 else 1.0
         settings |= {
             "depth.contrast": max(texture.contrast / brightness, 1e-9),
             "depth.finest": texture.finest,

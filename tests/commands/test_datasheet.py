@@ -329,7 +329,7 @@ def test_a_page_of_one_design(tmp_path, capsys, coarse_map):
         (("sweep", "paper", "--set", "d_9=0..9 mm", "--quantity", "fill_factor"), "is not a number of this design"),
         (("sweep", "paper", "--set", "d_3=0..9 mm", "--quantity", "fil_factor"), "did you mean 'fill_factor'"),
         (("sweep", "paper", "--set", "d_3=0..9 mm", "--quantity", "kept_fraction"), "belongs to a field"),
-        (("sweep", "paper", "--set", "d_3=0..9 mm", "--quantity", "blur_pitches"), "at a distance"),
+        (("sweep", "paper", "--set", "d_3=0..9 mm", "--quantity", "blur_pitches"), "a distance ahead of the tip"),
         (("sweep", "paper", "--set", "d_3=0..9 mm", "--quantity", "fill_factor", "-o", "x.xlsx"), ".csv"),
         (("sweep", "paper", "--set", "d_3=0..9 mm", "--quantity", "fill_factor", "--points", "1"), "--points"),
         (

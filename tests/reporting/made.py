@@ -13,7 +13,7 @@ from roslf_design.reporting.sheet import resolution
 from roslf_design.theory import disparity_error
 from roslf_design.theory.resolution import FieldTransfer
 from roslf_design.tolerancing import budgets, result
-from roslf_design.tolerancing.yields import Yield
+from roslf_design.tolerancing.yields import ScaledBuilds, Yield
 
 NAMES = ("dimensions", "rays", "cells", "view", "images", "waves", "maps", "plane", "depth", "effects")
 BLANK = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt"></svg>'
@@ -60,7 +60,7 @@ def few_builds(patch):
     def three(builds, own):
         return tuple((scale, Yield(builds.passed(scale), builds.trials)) for scale in (0.5, 1.0, 2.0))
 
-    patch.setattr(result, "curve_trials", lambda plan: 200)
+    patch.setattr(result, "ScaledBuilds", lambda plan, draws, trials: ScaledBuilds(plan, draws, 200))
     patch.setattr(result, "yield_curve", three)
     patch.setattr(result, "scale_for_yield", lambda *of: None)
 
