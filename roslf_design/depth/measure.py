@@ -561,8 +561,7 @@ def simulate(
     exposed = (picture.pixels * full + veil) / saturation
     return Trial(
         tuple(runs), true, _predict(texture, runs[0].field, true, actual.traced), scene, part,
-        believed, mean, picture, white, viewing,
-        float((exposed >= 1).mean()), float(np.quantile(exposed, 0.999)),
+        believed, mean, picture, white, viewing, float((exposed >= 1).mean()), float(np.quantile(exposed, 0.999)),
         _aliased(camera, actual.traced, runs[0].field, _texture_of(scene), true),
     )  # fmt: skip
 
