@@ -230,7 +230,7 @@ def test_a_verdict_tells_its_reason_and_what_to_change_does_what_it_says(page):
     light = page.locator("[data-testid=light-field_undistorted]")
     assert light.get_attribute("data-level") == "fault"
     light.locator("summary").click()
-    assert "cat's-eye" in light.locator(".panel").inner_text()
+    assert "cat's eye" in light.locator(".panel").inner_text()
     page.keyboard.press("Escape")
     assert not light.locator(".panel").is_visible()
     page.select_option(".preset select", "mismatched-borescope")
