@@ -10,7 +10,7 @@ from __future__ import annotations
 from .centres import MicrolensCentres, Reason, find_centres, find_centres_in_scene
 from .corners import find_corners, observe, observe_pictures
 from .decoding import Decoder, LightField, decode
-from .diffraction import Corrected, DiffractionCheck, calibrate_corrected
+from .diffraction import Corners, Corrected, DiffractionCheck
 from .distortion import Distortion, with_distortion
 from .fit import Calibration, calibrate
 from .frames import CalibrationError, read_capture, read_image
@@ -37,6 +37,7 @@ __all__ = [
     "CapturePlan",
     "Captures",
     "CentreLattice",
+    "Corners",
     "Corrected",
     "DataSheet",
     "Decoder",
@@ -53,7 +54,6 @@ __all__ = [
     "SideDatum",
     "board_distances",
     "calibrate",
-    "calibrate_corrected",
     "camera_of",
     "decode",
     "depth_errors",

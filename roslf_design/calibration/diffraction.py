@@ -117,44 +117,6 @@ class Corrected(NamedTuple):
     diffraction: DiffractionCheck
 
 
-def calibrate_corrected(
-    observations: Observations,
-    board: Board,
-    sheet: DataSheet,
-    design: Design,
-    white: WhiteImage,
-    *,
-    distortion: int = 0,
-    guess: float | None = None,
-    wish: DiffractionMode = "auto",
-) -> Corrected:
-    """Calibrate, with microlens diffraction taken off where it matters.
-
-    Parameters
-    ----------
-    observations : Observations
-        Corners as measured.
-    board : Board
-    sheet : DataSheet
-    design : Design
-        That the camera was built to: lambda, D_F, shape of the microlenses.
-    white : WhiteImage
-    distortion, guess
-        As in `calibrate`, and errors.
-    wish : {"auto", "on", "off"}
-        "auto" corrects where the design's blur exceeds 0.1 px and the white image shows it.
-
-    Returns
-    -------
-    Corrected
-        The fit's `systematic` holds the correction's own uncertainty (5 % of what it changed, and the difference
-        between the white image's pupil image and the one that the design and the calibration predict), what inner and
-        outer views disagree on (`_view_disagreement`) and what a real main lens does beyond the model
-        (`aberration_error`).
-    """
-    return Corners.of(observations, board, design, white, wish).calibrated(sheet, distortion, guess)
-
-
 class Corners(NamedTuple):
     """Corners of boards and what diffraction did to them, to be calibrated with little distortion or much."""
 
@@ -171,14 +133,32 @@ class Corners(NamedTuple):
     def of(
         cls, observations: Observations, board: Board, design: Design, white: WhiteImage, wish: DiffractionMode
     ) -> Corners:
-        """Corners as `calibrate_corrected` takes them."""
+        """Corners of a camera that was built to a design, whose white image tells what its microlenses diffract.
+
+        Parameters
+        ----------
+        observations : Observations
+            Corners as measured.
+        board : Board
+        design : Design
+            That the camera was built to: lambda, D_F, shape of the microlenses.
+        white : WhiteImage
+        wish : {"auto", "on", "off"}
+            "auto" corrects where the design's blur exceeds 0.1 px and the white image shows it.
+        """
         check, straight = _looked_at(design, white, wish), observations
         if check.corrected and check.image is not None:
             straight = _straightened(observations, board, check.image)
         return cls(observations, straight, board, design, white.lattice.bend is not None, check)
 
     def calibrated(self, sheet: DataSheet, distortion: int = 0, guess: float | None = None) -> Corrected:
-        """Calibration of a camera of that data sheet, as `calibrate_corrected` has it."""
+        """Calibration with microlens diffraction taken off where it matters; arguments and errors as of `calibrate`.
+
+        The fit's `systematic` holds the correction's own uncertainty (5 % of what it changed, and the difference
+        between the white image's pupil image and the one that the design and the calibration predict), what inner and
+        outer views disagree on (`_view_disagreement`) and what a real main lens does beyond the model
+        (`aberration_error`).
+        """
         observations, straight, board, design, bent, check = self
         if not check.corrected or check.image is None:
             plain = calibrate(observations, sheet, distortion=distortion, guess=guess)

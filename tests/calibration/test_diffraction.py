@@ -11,7 +11,6 @@ import pytest
 from roslf_design.bore.opening import ClearAperture
 from roslf_design.calibration import (
     Captures,
-    calibrate_corrected,
     camera_of,
     find_centres,
     random_poses,
@@ -19,6 +18,7 @@ from roslf_design.calibration import (
     synthetic_observations,
 )
 from roslf_design.calibration.diffraction import (
+    Corners,
     WhiteImage,
     _apparent_shifts,
     _looked_at,
@@ -298,7 +298,7 @@ def test_what_is_asked_what_is_expected_and_what_is_seen_decide():
 
     def calibrated(wish):
         white = white_of(())
-        found = calibrate_corrected(observations, captures.board, sheet_of(PAPER), PAPER, white, wish=wish)
+        found = Corners.of(observations, captures.board, PAPER, white, wish).calibrated(sheet_of(PAPER))
         return found.diffraction, found.calibration
 
     rays = ("-microlens_diffraction", "-microlens_defocus")
