@@ -157,7 +157,9 @@ def cold(command: Command) -> Side:
 
 
 def measure(quick: bool, chosen: Sequence[str]) -> Iterator[Row]:
-    """Every command, one after the other: warm and, once, cold."""
+    """Every command, one after the other: warm, as `roslf warm` leaves a machine, and, once, cold."""
+    if not chosen or set(chosen) - {"first-five"}:
+        Command("", "", ("warm",)).run()()
     with tempfile.TemporaryDirectory(prefix="roslf-bench-") as folder:
         for command in commands(Path(folder), quick):
             if command.name in chosen or (not chosen and (command.quick or not quick)):
