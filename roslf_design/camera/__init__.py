@@ -1,7 +1,9 @@
 """The camera that everything computes with."""
 
 from ..bore.part import Number
-from .camera import TEMPERATURES, TIP, VIEWING_CONDITIONS, Camera, Rim
+from .camera import Camera
 from .frames import Frame, Vector
+from .numbers import TEMPERATURES, TIP, VIEWING_CONDITIONS
+from .rims import Rim
 
 __all__ = ["TEMPERATURES", "TIP", "VIEWING_CONDITIONS", "Camera", "Frame", "Number", "Rim", "Vector"]

@@ -7,7 +7,7 @@ refused here: a camera that cannot be built keeps its numbers, and `Camera.valid
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from operator import attrgetter
 from types import MappingProxyType
@@ -16,110 +16,31 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arrays import Array, by_value, magnitude, same
-from ..bore.chain import BoreWalk, Chain, Flags, ImagedPlane, StandingElement
+from .._arrays import Array, magnitude, same
+from ..bore.chain import BoreWalk, Chain, ImagedPlane, StandingElement
 from ..bore.conjugates import CONJUGATES, follower
 from ..bore.lens import IMAGE
 from ..bore.main_lens import IdealMainLens, MainLensKind
-from ..bore.opening import TURN, ClearAperture
+from ..bore.opening import ClearAperture
 from ..bore.part import TEMPERATURE, Number, PartNumbers, minus, plus, times
-from ..bore.rod import SECTION_WORD
 from ..design import Design, DesignError, Problem
-from ..design.check import at
 from ..design.growth import Growth
 from ..design.parts import BEHIND, PATHS, Colours, Layout, Symbols
 from ..lenses.angles import AngleMap
-from ..words import in_file
 from .frames import Frame, Vector, along, cross, dot, frame, total
 from .lengths import ApparentLengths, RulerLengths
+from .numbers import TIP, TYPES, numbers_of, possible
+from .rims import Rim, place_of
 
 if TYPE_CHECKING:
     from ..lenses.glass import Glass
 
-FOCAL = PATHS["f"]
-TYPES = f"{PATHS['f_ml']}s."
-"""Beginning of the places of the focal lengths of a multi-focus array but its first, which is f_ml."""
 IN_FOCUS = 1e-10
 """Share of d_f by which a stop is out of focus at least: it cuts whole microlens images then, or none of one."""
-SIGNED = (".rotation", f".{TURN}", ".focal_length")
-"""Ends of places whose numbers may be of either sign."""
-AIR_ALONE = Chain(())
-"""A chain of nothing."""
-PHOTOMETRIC = (
-    *(f"light.{name}" for name in ("illuminance", "reflectance", "transmission", "veil")),
-    *(f"sensor.{name}" for name in ("quantum_efficiency", "full_well", "read_noise", "prnu", "dsnu", "bits")),
-    *(f"depth.{name}" for name in ("contrast", "window", "view_mismatch")),
-)
-"""Places of what light, sensor and texture have to do with depth errors."""
-TEMPERATURES = ("environment.range.0", "environment.range.1")
-"""Places of the coldest and the warmest that the camera meets."""
-NOT_NEGATIVE = ("read_noise", "prnu", "dsnu", "veil", "view_mismatch")
-"""Last names of numbers that may be 0."""
-OPTIONAL = (
-    *("light.radiance", "light.exposure", "sensor.acceptance"),
-    *("depth.period", "depth.finest", "depth.disparity_error"),
-    *TEMPERATURES,
-)
-"""Places of numbers that need not be given."""
-VIEWING_CONDITIONS = frozenset((*PHOTOMETRIC, *OPTIONAL))
-"""All of these: what a camera is used with, not what it is built of."""
 APPARENT = ("d_f", "d_1", "d_2", "d_3", "D_F", "H", "inverse_H", "A", "m", "inverse_m", "gap", "vergence")
 """Lengths, and what follows from them, that the main lens may see otherwise than a ruler."""
-TIP = "tip"
-"""Beside the places of a design: where a bore ends that its own stops do not show [mm before the main lens]."""
-
-
-@by_value
-@dataclass(frozen=True)
-class Rim:
-    """An opening that light must pass: the flexible angular plane (FAP), the main lens, a further stop."""
-
-    name: str
-    """"FAP", "main lens", or "stop 1" and so on, in the order of the design file."""
-    part: str
-    """Its place in a design: "aperture", "main_lens", "stops.0"; of an element's two faces "elements.0.0" and ".1",
-    of sections of a rod's barrel ".2" and so on; of what an objective with a mapping images "elements.0.image"."""
-    outline: ClearAperture
-    """Clear opening as the main lens sees it: through what stands between."""
-    distance: Number
-    """z_k as the main lens sees it, in front of it [mm]."""
-    ruler_distance: Number
-    """Mechanical distance in front of the main lens [mm]."""
-    scale: Number = 1.0
-    """Its own lengths over those that the main lens sees."""
-    plane: ImagedPlane | None = None
-    """Plane that it stands on; None in air."""
-    leans: bool = False
-    """True where it leans by design, as that of a mirror."""
-
-    @property
-    def opening(self) -> str:
-        """Name of the opening; of a barrel's section that of the whole barrel."""
-        return self.name.partition(SECTION_WORD)[0]
-
-    @property
-    def radius(self) -> Number:
-        """R_k as the main lens sees it: distance of its farthest point from its centre [mm]."""
-        return self.outline.reach
-
-    @property
-    def behind(self) -> Flags:
-        """True of builds where it stands behind the main lens, which shows the scene its image alone."""
-        if self.plane is None:
-            return np.False_
-        return np.less(self.ruler_distance, 0) & np.not_equal(self.plane.c, 0)
-
-    @property
-    def size_places(self) -> tuple[str, ...]:
-        """Where the lengths stand in a design that make it as wide as it is; none of the end of a mapping."""
-        if self.part.endswith(IMAGE):
-            return ()
-        return tuple(f"{place_of(self.part)}.{key}" for key in self.outline.keys)
-
-
-def place_of(part: str) -> str:
-    """Place of a part's numbers in a design: "elements.0" of its face "elements.0.1", else its own place."""
-    return part.rpartition(".")[0] if part.count(".") == 2 else part
+AIR_ALONE = Chain(())
+"""A chain of nothing."""
 
 
 class Camera(Symbols[Number]):
@@ -824,32 +745,13 @@ class Camera(Symbols[Number]):
 
         No message twice; later ones follow on earlier.
         """
-        return self._images_well(), self._possible_numbers(), self._fits()
+        return self._images_well(), possible(self._numbers, self.chain.signed), self._fits()
 
     def _images_well(self) -> Iterator[tuple[str, Any]]:
         yield "f is not above 0", np.asarray(self.f) > 0
         yield "f_ml is not above 0", np.asarray(self.f_ml) > 0
         yield "no real image", self.chain.forms_image(self.f, self.seen.d_f, self.seen.d_1)
         yield "d_2 is not above 0", np.asarray(self.seen.d_2) > 0
-
-    def _possible_numbers(self) -> Iterator[tuple[str, Any]]:
-        signed = self.chain.signed
-        for place, value in self._numbers.items():
-            part, _, name = place.partition(".")
-            if ".tilt." in place or ".wedge." in place:
-                yield f"{in_file(place)} is 90 degrees or more", np.abs(value) < np.pi / 2
-                continue
-            yield f"{in_file(place)} is not finite", np.isfinite(value)
-            if place in (TEMPERATURE, *TEMPERATURES, PATHS["d_f"], PATHS["d_3"]):
-                continue
-            if place == TIP or (name.endswith("distance") and part in ("stops", "elements")):
-                yield f"{in_file(place)} is below 0", np.asarray(value) >= 0
-            elif name.endswith("index"):
-                yield f"{in_file(place)} is below 1", np.asarray(value) >= 1
-            elif name in NOT_NEGATIVE:
-                yield f"{in_file(place)} is below 0", np.asarray(value) >= 0
-            elif place not in signed and ".decentre." not in place and not place.endswith(SIGNED):
-                yield f"{in_file(place)} is not above 0", np.asarray(value) > 0
 
     def _fits(self) -> Iterator[tuple[str, Any]]:
         plane = np.asarray(self._numbers[PATHS["d_f"]])
@@ -877,24 +779,6 @@ def _number(value: ArrayLike) -> Number:
 
 @lru_cache(maxsize=64)
 def _nominal(design: Design) -> Camera:
-    array = design.microlens_array
-    parts = ("main_lens", *(opening.place for opening in design.openings), "microlens_array", "sensor")
-    places = [place for place in PATHS.values() if place not in (PATHS["D_F"], PATHS["d_3"])]
-    at_fap = [*PATHS].index("D_F")
-    places[at_fap:at_fap] = [f"aperture.{key}" for key in design.aperture.number_keys]
-    places += ["sensor.relay_magnification", "microlens_array.rotation"]
-    places += [f"{stop.place}.{key}" for stop in design.openings[1:] for key in stop.part.number_keys]
-    places += [f"{part}.{pose}.{axis}" for part in parts for pose in ("decentre", "tilt") for axis in (0, 1)]
-    places += [f"{part}.size.{axis}" for part in ("microlens_array", "sensor") for axis in (0, 1)]
-    places += [f"{TYPES}{k}" for k in range(1, len(array.focal_lengths))]
-    places += PHOTOMETRIC
-    places += [place for place in OPTIONAL if at(design, place) is not None]
-    if design.tube is not None:
-        known = ("outer_diameter", "wall", "length") if design.tube.length else ("outer_diameter", "wall")
-        places += [f"tube.{name}" for name in known]
-    if design.environment is not None:
-        places.append(TEMPERATURE)
-    numbers = {**{place: design[place] for place in places}, TIP: design.main_lens.kind.front, **design.bore_numbers}
+    array, lens = design.microlens_array, design.main_lens.kind
     beside = design.chain, design.materials, Growth.of(design), design.sensor.colours
-    kind = array.layout, array.lens_shape, design.main_lens.kind, *beside
-    return Camera(numbers, *kind)
+    return Camera(numbers_of(design), array.layout, array.lens_shape, lens, *beside)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..bore.opening import POINT
 from ..camera import Camera
-from ..camera.camera import place_of
+from ..camera.rims import place_of
 from ..design import Design
 from ..design.parts import PATHS
 from ..fates import RayFate

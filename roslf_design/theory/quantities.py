@@ -18,7 +18,7 @@ import numpy as np
 from .._arrays import Array, product, ratio
 from ..bore.opening import ClearAperture
 from ..camera import Camera, Number
-from ..camera.camera import place_of
+from ..camera.rims import place_of
 from ..design.parts import PATHS
 from ..toml_files import SLIP, nearest
 from ..words import number, the
