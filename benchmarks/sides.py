@@ -135,7 +135,8 @@ def here_lens(inputs):
         """Of builds whose numbers, planes of the image and object points' shifts those are."""
         builds = len(image)
         plane = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], (builds, 1))
-        rim = np.concatenate([plane, np.full((builds, 1), float(inputs["pupil"]) / 2)], axis=1)[:, None]
+        half = float(inputs["pupil"]) / 2
+        rim = np.concatenate([plane, np.tile([half, half, 1.0], (builds, 1))], axis=1)[:, None]
         plane[:, 2] = image
         train = Train.in_air(lens_builds(lens, green, places, builds).stack)
         return spot_radii(train, plane, rim, world, points, pupil, np.ones(len(pupil)))

@@ -13,6 +13,7 @@ from benchmarks import page, peers
 from benchmarks.commands import FIRST, REPOSITORY, checked_out, commands, typed
 from benchmarks.peers import PEERS, Case, Peer, compare, install, interpreter
 from benchmarks.scaling import SERIES, growth, one
+from benchmarks.sides import here_lens
 from benchmarks.turns import Row, RunError, Side, Spread, environment, in_turn, process
 
 MACHINE = {
@@ -228,6 +229,33 @@ def test_peers_are_pinned_and_what_cannot_be_had_is_said(tmp_path):
     assert interpreter(()) == sys.executable
     with pytest.raises(RunError, match=r"no Python 1\.4"):
         install(Peer("old", "Old 1", (), pythons=("1.4",)), tmp_path)
+
+
+def test_our_side_of_the_spots_is_snells_law():
+    """What others are compared with holds by itself: 127 rays through two spheres in vectors; both round to 1e-13."""
+    (case,) = peers.cases(True, ["spots"])
+    radius, thickness, near, far, pupil, index = (
+        float(case.inputs[key]) for key in ("radius", "thickness", "object", "image", "pupil", "index")
+    )
+    rings = [k * np.exp(2j * np.pi * np.arange(6 * k) / (6 * k)) for k in range(1, 7)]
+    spread = np.concatenate([[0.0], *rings]) * pupil / 2 / 6
+    start = np.stack([spread.real, spread.imag, 0 * spread.real], axis=-1)
+    expected = []
+    for height in case.inputs["heights"]:
+        point, ray = start, start - [0.0, -height, -near]
+        for vertex, bend, before, behind in ((0.0, radius, 1.0, index), (thickness, -radius, index, 1.0)):
+            ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
+            away = point - [0.0, 0.0, vertex + bend]
+            along = np.sum(away * ray, axis=1)
+            root = np.sqrt(along**2 - np.sum(away**2, axis=1) + bend**2)
+            point = point + (-along - np.sign(bend) * root)[:, None] * ray
+            normal = (point - [0.0, 0.0, vertex + bend]) / -bend
+            cos, ratio = np.sum(normal * ray, axis=1), before / behind
+            ray = ratio * ray + (np.sqrt(1 - ratio**2 * (1 - cos**2)) - ratio * cos)[:, None] * normal
+        seen = (point + ((thickness + far - point[:, 2]) / ray[:, 2])[:, None] * ray)[:, :2]
+        expected.append(np.sqrt(np.mean(np.sum((seen - seen.mean(axis=0)) ** 2, axis=1))))
+    _, spots = here_lens({key: np.asarray(value) for key, value in case.inputs.items()})
+    assert spots({}, np.array([thickness + far]), np.zeros((1, 3)))[0] == pytest.approx(expected, rel=1e-11)
 
 
 def test_who_differs_or_is_missing_has_no_times():
