@@ -28,7 +28,6 @@ from .parts import (
     LENS_PRESCRIPTION,
     LENS_REVERSED,
     ORIENTATIONS,
-    ArrayPart,
     Catalogue,
     Choice,
     Entry,
@@ -232,7 +231,7 @@ class Combinations:
         which = np.unravel_index(numbers, self._shape) if self.parts else ()
         cut = np.zeros(len(numbers), bool)
         for index, parts in zip(which, self.parts, strict=True):
-            cut |= np.array([isinstance(part, ArrayPart) and part.cut for part in parts])[index]
+            cut |= np.array([part.is_cut for part in parts])[index]
         return cut
 
     def deciding(self, missed: NDArray[np.bool_], values: Array) -> dict[str, float]:
@@ -282,7 +281,7 @@ class Combinations:
         design, given = self.problem.design, {**self.problem.given, **numbers}
         if declared := {place: value for part in parts for place, value in part.declared.items()}:
             design = design.replace(declared)
-        cut = any(isinstance(part, ArrayPart) and part.cut for part in parts)
+        cut = any(part.is_cut for part in parts)
         own = {place: given.pop(place) for place in (LENS_PRESCRIPTION, LENS_REVERSED) if place in given}
         if own:
             own |= {place: given.pop(place) for place in (PATHS["D"],) if place in numbers}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -9,7 +10,7 @@ from contextlib import suppress
 from itertools import pairwise, product
 from operator import attrgetter, eq, ge, gt, le, lt
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 from pydantic import Field, InstanceOf, ValidationError, model_validator
@@ -24,9 +25,15 @@ from ..lenses.glass import find_glass
 from ..lenses.manufacture import D_LINE
 from ..lenses.material import Material
 from ..lenses.prescription import LensError, Prescription
+from ..theory.colours import PIXEL_FILTERS
 from ..toml_files import StrictTable, nearest, problems_of, read_toml
 from ..units import Angle, Length, read_quantity
+from ..words import length
 from .lens_variables import with_glasses
+
+if TYPE_CHECKING:
+    from ..bore.elements import AnyElement
+    from ..design import Design
 
 Kind = Literal["lenses", "microlens_arrays", "sensors", "windows"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -43,6 +50,11 @@ Gives = Mapping[str, Callable[[Any], Any]]
 LENS_PRESCRIPTION, LENS_REVERSED = "main_lens.prescription", "main_lens.reversed"
 ALIKE = 0.05
 """Relative difference up to which a prescription's focal length is that of its catalogue line."""
+
+SAME = 0.01
+"""Relative difference up to which a length of a part counts as the design's."""
+ANOTHER = math.log(1.2)
+"""Penalty for another material, as logarithm of a ratio."""
 
 ELEMENT = "element."
 """Prefix of places in the element that a part is chosen for."""
@@ -67,6 +79,11 @@ class Option(StrictTable):
         """Place of a design to what is known of this one, beside numbers that all of its kind have."""
         return {}
 
+    @property
+    def is_cut(self) -> bool:
+        """Whether it may be cut to the size that a sensor needs."""
+        return False
+
     def fits(self, lens: MainLensKind) -> bool:
         """Whether it can be chosen for a camera with such a main lens."""
         return True
@@ -74,6 +91,27 @@ class Option(StrictTable):
     def behind(self, lens: MainLensKind, wavelength: float, environment: Environment | None) -> dict[str, Any]:
         """Numbers that this gives a camera with such a main lens."""
         return self.numbers
+
+
+class _Unlike(NamedTuple):
+    """Differences of a part from what a design asks for."""
+
+    lengths: tuple[tuple[str, float, float], ...]
+    """Name, the part's, the design's [mm]."""
+    lacks: tuple[str, ...] = ()
+    short: float = 0.0
+    """Size of what it lacks, as logarithm of a ratio."""
+
+    @property
+    def words(self) -> list[str]:
+        """Words on what is not the same; empty of a part that serves as it is."""
+        apart = [f"{name} {length(have)}" for name, have, wanted in self.lengths if abs(have / wanted - 1) > SAME]
+        return [*apart, *self.lacks]
+
+    @property
+    def size(self) -> float:
+        """Sum of logarithms of ratios."""
+        return self.short + sum(abs(math.log(have / wanted)) for _, have, wanted in self.lengths)
 
 
 class Entry(Option):
@@ -88,6 +126,15 @@ class Entry(Option):
     """Day on which they were read, as "2026-11-28"."""
     confidence: Confidence
     remark: str = ""
+
+    @property
+    def area(self) -> float:
+        """Area of a sensor or an array [mm^2]; 0 of other parts."""
+        return 0.0
+
+    def unlike(self, design: Design, element: AnyElement | None = None) -> _Unlike:
+        """Differences from the part that a design has; of a window, from the element that it stands for."""
+        raise NotImplementedError
 
     @property
     def source(self) -> str:
@@ -129,7 +176,7 @@ class _Round(Entry):
         return self
 
 
-class LensPart(_Round):
+class _LensPart(_Round):
     """A main lens."""
 
     gives: ClassVar[Gives] = {
@@ -165,6 +212,11 @@ class LensPart(_Round):
         warmth = () if environment is None else (environment.temperature, environment.expansion)
         return self.numbers | lens.replacement(self.kind, wavelength, *warmth)
 
+    def unlike(self, design: Design, element: AnyElement | None = None) -> _Unlike:
+        """Differences in focal length and clear aperture."""
+        aperture = "clear aperture", self.aperture, design.D
+        return _Unlike((("focal length", self.focal_length, design.f), aperture))
+
     @model_validator(mode="after")
     def _same(self) -> Self:
         if self.prescription is not None:
@@ -176,7 +228,7 @@ class LensPart(_Round):
         return self
 
 
-class ArrayPart(Entry):
+class _ArrayPart(Entry):
     """A microlens array."""
 
     gives: ClassVar[Gives] = {
@@ -204,8 +256,29 @@ class ArrayPart(Entry):
         """f_ml [mm]: the effective one where it is known."""
         return self.effective_focal_length if self.effective_focal_length is not None else self.focal_length
 
+    @property
+    def is_cut(self) -> bool:
+        """Whether it may be cut."""
+        return self.cut
 
-class SensorPart(Entry):
+    @property
+    def area(self) -> float:
+        """Area [mm^2]."""
+        return math.prod(self.size)
+
+    def unlike(self, design: Design, element: AnyElement | None = None) -> _Unlike:
+        """Differences in pitch, focal length and shape, and whether it is too small for array or sensor."""
+        mla, lacks = design.microlens_array, []
+        if (self.layout, self.lens_shape) != (mla.layout, mla.lens_shape):
+            lacks.append(f"{self.layout}, {self.lens_shape} lenses")
+        needed = [min(pair) for pair in zip(mla.size, design.sensor_size, strict=True)]
+        if any(have < need * (1 - SAME) for have, need in zip(self.size, needed, strict=True)):
+            lacks.append(f"only {' x '.join(map(length, self.size))}")
+        lengths = ("pitch", self.pitch, mla.pitch), ("focal length", self.focal, design.f_ml)
+        return _Unlike(lengths, tuple(lacks))
+
+
+class _SensorPart(Entry):
     """An image sensor."""
 
     gives: ClassVar[Gives] = {
@@ -233,18 +306,33 @@ class SensorPart(Entry):
         return self.pixels[0] * self.pixel, self.pixels[1] * self.pixel
 
     @property
+    def area(self) -> float:
+        """Area [mm^2]."""
+        return math.prod(self.size)
+
+    def unlike(self, design: Design, element: AnyElement | None = None) -> _Unlike:
+        """Differences in pixel and filters, and pixels that it lacks: a larger one, read out in part, is the same."""
+        lacks = []
+        short = sum(max(0.0, math.log(need / have)) for have, need in zip(self.pixels, design.pixels, strict=True))
+        if short:
+            lacks.append(f"only {self.pixels[0]} x {self.pixels[1]} px")
+        if self.colours is not None and self.colours != design.sensor.colours:
+            lacks.append(PIXEL_FILTERS[self.colours].words)
+        return _Unlike((("pixel", self.pixel, design.sensor.pixel),), tuple(lacks), short)
+
+    @property
     def row(self) -> dict[str, Any]:
         """Plain values, its size among them."""
         return super().row | {"size": list(self.size)}
 
     @model_validator(mode="after")
-    def _some(self) -> SensorPart:
+    def _some(self) -> _SensorPart:
         if min(self.pixels) < 1:
             raise ValueError(f"pixels {self.pixels} must be positive")
         return self
 
 
-class WindowPart(_Round):
+class _WindowPart(_Round):
     """A plane-parallel window."""
 
     gives: ClassVar[Gives] = {
@@ -255,6 +343,16 @@ class WindowPart(_Round):
 
     thickness: Length
     material: Material
+
+    def unlike(self, design: Design, element: AnyElement | None = None) -> _Unlike:
+        """Differences in thickness, clear aperture and material."""
+        assert element is not None
+        lengths: tuple[tuple[str, float, float], ...] = (("thickness", self.thickness, element.length),)
+        if element.diameter is not None:
+            lengths += (("clear aperture", self.aperture, element.diameter),)
+        if element.glass is not None and self.material.name == element.glass.name:
+            return _Unlike(lengths)
+        return _Unlike(lengths, (f"of {self.material.name}",), ANOTHER)
 
 
 class _Orientation(Option):
@@ -299,10 +397,10 @@ def glass_choices(lens: Prescription, names: Iterable[str], wavelength: float) -
 
 
 MODELS: Mapping[Kind, type[Entry]] = {
-    "lenses": LensPart,
-    "microlens_arrays": ArrayPart,
-    "sensors": SensorPart,
-    "windows": WindowPart,
+    "lenses": _LensPart,
+    "microlens_arrays": _ArrayPart,
+    "sensors": _SensorPart,
+    "windows": _WindowPart,
 }
 
 
@@ -319,10 +417,10 @@ def placed(place: str, element: int | None) -> str:
 class Catalogue(StrictTable):
     """Parts by kind."""
 
-    lenses: tuple[LensPart, ...] = ()
-    microlens_arrays: tuple[ArrayPart, ...] = ()
-    sensors: tuple[SensorPart, ...] = ()
-    windows: tuple[WindowPart, ...] = ()
+    lenses: tuple[_LensPart, ...] = ()
+    microlens_arrays: tuple[_ArrayPart, ...] = ()
+    sensors: tuple[_SensorPart, ...] = ()
+    windows: tuple[_WindowPart, ...] = ()
 
     def of(self, kind: Kind) -> tuple[Entry, ...]:
         """Parts of one kind."""

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from ...bore.elements import AnyElement, made_of
-from ...optimization.parts import ArrayPart, Catalogue, Entry, Kind, LensPart, SensorPart, WindowPart, load_catalogue
+from ...optimization.parts import SAME, Catalogue, Entry, Kind, load_catalogue
 from ...theory.colours import PIXEL_FILTERS
 from ...words import length
 from ..blocks import Bullets, Section, Table
@@ -15,10 +15,6 @@ from ..lens_words import lens_words
 if TYPE_CHECKING:
     from ...design import Design
 
-ALIKE = 0.01
-"""Relative difference up to which a length of a part counts as the design's."""
-ANOTHER = math.log(1.2)
-"""Penalty for another material, as logarithm of a ratio."""
 FAR = math.log(2)
 """Sum of logarithms of ratios beyond which a part is not worth naming."""
 
@@ -57,7 +53,7 @@ def parts_section(design: Design) -> Section:
         relay = f"magnification {design.sensor.relay_magnification:g}"
         rows.append(("relay to the sensor", relay, "not in the catalogue"))
     caption = (
-        f"Catalogue: a part is the same where its lengths agree to {100 * ALIKE:g} % and it is large enough; else the "
+        f"Catalogue: a part is the same where its lengths agree to {100 * SAME:g} % and it is large enough; else the "
         "nearest is named with what differs. Walls, mounts and light source are not part of the model."
     )
     table = Table(
@@ -85,57 +81,16 @@ def _catalogue_match(
     """
     if kind == "lenses" and (bought := lens_words(design.main_lens.kind).bought):
         return bought, None
-    unlike = {part.part: _unlike(design, part, window) for part in catalogue.of(kind)}
-    same = [part for part in catalogue.of(kind) if not unlike[part.part][0]]
-    best = min(same or catalogue.of(kind), key=lambda part: (unlike[part.part][1], _area(part)), default=None)
+    unlike = {part.part: part.unlike(design, window) for part in catalogue.of(kind)}
+    same = [part for part in catalogue.of(kind) if not unlike[part.part].words]
+    best = min(same or catalogue.of(kind), key=lambda part: (unlike[part.part].size, part.area), default=None)
     if best is None:
         return "the catalogue has none", None
-    words, apart = unlike[best.part]
     if same:
         return f"the same as {_name(best)}", best
-    if apart > FAR:
+    if unlike[best.part].size > FAR:
         return "to be made; the catalogue has nothing near", None
-    return f"to be made; nearest is {_name(best)}: {', '.join(words)}", best
-
-
-def _area(part: Entry) -> float:
-    """Area of a sensor or an array [mm^2]; 0 of other parts."""
-    return math.prod(part.size) if isinstance(part, (ArrayPart, SensorPart)) else 0.0
-
-
-def _unlike(design: Design, part: Entry, window: AnyElement | None) -> tuple[list[str], float]:
-    """Differences of a catalogue part from the design's, and their size: a sum of logarithms of ratios."""
-    lengths: tuple[tuple[str, float, float], ...] = ()  # name, the part's, the design's
-    lacks: list[str] = []
-    short = 0.0
-    match part:
-        case LensPart():
-            lengths = ("focal length", part.focal_length, design.f), ("clear aperture", part.aperture, design.D)
-        case ArrayPart():
-            mla = design.microlens_array
-            lengths = ("pitch", part.pitch, mla.pitch), ("focal length", part.focal, design.f_ml)
-            if (part.layout, part.lens_shape) != (mla.layout, mla.lens_shape):
-                lacks.append(f"{part.layout}, {part.lens_shape} lenses")
-            needed = [min(pair) for pair in zip(mla.size, design.sensor_size, strict=True)]
-            if any(have < need * (1 - ALIKE) for have, need in zip(part.size, needed, strict=True)):
-                lacks.append(f"only {' x '.join(map(length, part.size))}")
-        case SensorPart():  # a larger one, read out in part, is the same
-            lengths = (("pixel", part.pixel, design.sensor.pixel),)
-            short = sum(max(0.0, math.log(n / have)) for have, n in zip(part.pixels, design.pixels, strict=True))
-            if short:
-                lacks.append(f"only {part.pixels[0]} x {part.pixels[1]} px")
-            if part.colours is not None and part.colours != design.sensor.colours:
-                lacks.append(PIXEL_FILTERS[part.colours].words)
-        case WindowPart():
-            assert window is not None
-            lengths = (("thickness", part.thickness, window.length),)
-            if window.diameter is not None:
-                lengths += (("clear aperture", part.aperture, window.diameter),)
-            if window.glass is None or part.material.name != window.glass.name:
-                lacks.append(f"of {part.material.name}")
-                short = ANOTHER
-    words = [f"{name} {length(have)}" for name, have, wanted in lengths if abs(have / wanted - 1) > ALIKE]
-    return [*words, *lacks], short + sum(abs(math.log(have / wanted)) for _, have, wanted in lengths)
+    return f"to be made; nearest is {_name(best)}: {', '.join(unlike[best.part].words)}", best
 
 
 def _name(entry: Entry) -> str:
