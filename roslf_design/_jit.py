@@ -13,6 +13,7 @@ import importlib
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from functools import cache, cached_property, partial
@@ -29,6 +30,7 @@ CALL, LOAD, IMPORT, COMPILE = 4e-5, 0.15, 0.4, 6.0
 """Seconds of interpreting from which machine code pays: of one call where it is in memory; else of all calls so far,
 where it lies on disk and numba is imported already or not, and where it is yet to be compiled."""
 _interpreted = [0.0]
+_unshelved = [0.0]
 PATIENCE = ContextVar("PATIENCE", default=COMPILE)
 """`COMPILE`, or less within `compiling`."""
 
@@ -101,6 +103,8 @@ class Kernel(Generic[P, R]):
         patience = PATIENCE.get()
         if patience and self.shelved:
             patience = LOAD if "numba" in sys.modules else IMPORT
+        elif _interpreted[0] < patience:
+            _unshelved[0] += seconds
         return _interpreted[0] >= patience
 
     def quickest(self, seconds: float) -> Callable[P, R]:
@@ -139,6 +143,11 @@ class Kernel(Generic[P, R]):
                 if self._compiled is None:
                     self._compiled = _compile(self)
         return self._compiled
+
+
+def cold_seconds() -> float:
+    """Seconds that this process has spent, about, as machine code was not yet on disk: compiling, or doing without."""
+    return _unshelved[0]
 
 
 @cache
@@ -225,10 +234,13 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
         # literal arguments, and for arrays that are read only, without any gain.
         plain = tuple(_writable(unliteral(kind)) for kind in types)
         with _COMPILING, alone(), _wide_vectors():
+            shelved, began, before = kernel.shelved, time.perf_counter(), _unshelved[0]
             try:
                 code = compile_now(plain)
             except OSError:  # the folder is full: compiled, not kept
                 code = compile_now(plain)
+            if not shelved:
+                _unshelved[0] = before + time.perf_counter() - began  # its callees' time is in it
             if plain != tuple(types):
                 compiled._insert([kind._code for kind in types], code)
         return code

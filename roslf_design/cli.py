@@ -25,6 +25,8 @@ NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
 """Errors of the system for names that no file can have, wherever one is first looked for."""
 LISTED = 40
 """Faults that are told one by one."""
+PATIENCE = 2.0
+"""Seconds of a command for want of machine code from which on it says what would save them."""
 YOUNG = 20_000
 """Objects made before Python looks for cycles that nothing holds any more."""
 
@@ -197,6 +199,14 @@ def _complain(message: str, code: int) -> int:
     return code
 
 
+def _advise(is_warm: bool) -> None:
+    """Say where a command was slow for want of machine code, and somebody watches."""
+    jit = sys.modules.get("roslf_design._jit")
+    if jit is not None and not is_warm and sys.stderr.isatty() and (seconds := jit.cold_seconds()) > PATIENCE:
+        advice = "`roslf warm` compiles all of it, once on a machine, in about a minute"
+        print(f"roslf: {seconds:.0f} s of this were for code that is not compiled yet; {advice}", file=sys.stderr)
+
+
 def run() -> None:
     """Entry point of the `roslf` script."""
     gc.set_threshold(YOUNG)
@@ -208,6 +218,7 @@ def run() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal, or a file's name, may not know every letter
     code = main()
+    _advise(sys.argv[1:2] == ["warm"])
     # Ctrl-C while the interpreter ends would print a traceback.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     gc.freeze()  # the process ends: what is left is not looked through for cycles once more

@@ -7,7 +7,8 @@ import numba
 import numpy as np
 from numba.core.caching import IndexDataCacheFile
 
-from roslf_design._jit import COMPILE, THREADS, WIDE, Kernel, _alone, compiling, kernel, prange
+from roslf_design import cli
+from roslf_design._jit import COMPILE, THREADS, WIDE, Kernel, _alone, cold_seconds, compiling, kernel, prange
 
 GAIN = 2.5
 
@@ -91,6 +92,28 @@ def test_work_adds_up_until_machine_code_pays(monkeypatch):
     with compiling():
         assert fresh.pays(0.0)
     assert not fresh.pays(0.0)
+
+
+def test_seconds_for_want_of_machine_code_are_counted_and_told_to_who_watches(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("roslf_design._jit._unshelved", [0.0])
+    monkeypatch.setattr("roslf_design._jit._interpreted", [0.0])
+    fresh = Kernel(lambda x: 9.0 * x)
+    assert not fresh.pays(1.5)
+    assert cold_seconds() == 1.5
+    assert fresh.compiled(2.0) == 18.0
+    spent = cold_seconds()
+    assert 1.5 < spent < 60
+    assert fresh.compiled(3.0) == 27.0
+    assert cold_seconds() == spent  # machine code is there from then on
+    monkeypatch.setattr("roslf_design._jit._unshelved", [7.2])
+    cli._advise(is_warm=False)
+    assert capsys.readouterr().err == ""  # nobody watches
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    cli._advise(is_warm=True)
+    assert capsys.readouterr().err == ""
+    cli._advise(is_warm=False)
+    assert "7 s of this" in (advice := capsys.readouterr().err)
+    assert "`roslf warm`" in advice
 
 
 @kernel()
