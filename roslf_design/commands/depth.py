@@ -18,6 +18,7 @@ from ..depth.from_files import CaptureOptions, captured
 from ..depth.measure import REASONS, Measurement, Trial, simulate
 from ..depth.pictures import PictureOptions, Work
 from ..depth.view_files import MATLAB
+from ..depth.warping import window_sums
 from ..design import preset_names
 from ..drawing.picture import Picture
 from ..errors import Argument
@@ -143,7 +144,7 @@ def depth(
     other = None if simulation.believed is None else as_design(simulation.believed)
     pictures = PictureOptions(region=piece, seed=simulation.seed or 0, exposures=simulation.exposures or 1)
     work = Work.of(design, pictures)
-    tell_cost(work.seconds, f"{work}; a smaller --region makes it shorter")
+    tell_cost(work.seconds, f"{work}; a smaller --region makes it shorter", window_sums.shelved)
     with bar("depth") as tell:
         trial = simulate(design, look, pictures, believed=other, progress=lambda what, share: tell(share))
     title, blocks = f"Depth that {design.name} measures", (*answers(trial), *basis(trial))

@@ -99,10 +99,14 @@ class StatusLine:
         self.clear()
 
 
-def tell_cost(seconds: float, why: str) -> None:
+def tell_cost(seconds: float, why: str, is_compiled: bool = True) -> None:
     """Say beforehand how long a job takes that needs patience, where stderr is a terminal: on one processor, about."""
-    if sys.stderr.isatty() and seconds > PATIENCE:
+    if not sys.stderr.isatty():
+        return
+    if seconds > PATIENCE:
         say(f"about {about_time(seconds)}: {why}", error=True)
+    if not is_compiled:
+        say("and up to a minute before, once on this machine, while its loops are compiled (`roslf warm`)", error=True)
 
 
 @contextmanager

@@ -69,6 +69,8 @@ def test_cost_is_told_beforehand_of_what_needs_patience(monkeypatch):
     tell_cost(1.0, "a little")
     tell_cost(41.3, "2.1 million pixels x 256 rays")
     assert shown.getvalue() == "about 41 s: 2.1 million pixels x 256 rays\n"
+    tell_cost(1.0, "a little", is_compiled=False)
+    assert "once on this machine" in shown.getvalue().splitlines()[1]
 
 
 def test_a_log_has_a_line_of_progress_now_and_then(monkeypatch):
