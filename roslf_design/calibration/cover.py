@@ -13,7 +13,7 @@ from ..theory.depth_of_field import depth_of_field
 from ..words import number
 from .corners import LEAST_CELL
 from .model import Board
-from .planning import Captures, camera_of, field_at, fitting_board, pupil_of
+from .planning import Captures, field_at, fitting_board, pupil_of, told_apart_to
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,10 @@ class Uncovered:
 
 @dataclass(frozen=True)
 class BoardCover:
-    """Distances that boards cover, of those required and asked for [mm ahead of the tip]."""
+    """Distances that boards cover, of those required and asked for [mm ahead of the tip].
+
+    The focal plane is one of those that are not covered where the board's cells are too small there, asked for or not.
+    """
 
     nearest_mm: float
     """Middle of the nearest board."""
@@ -46,8 +49,11 @@ class BoardCover:
         stands = f"boards stand from {number(near, 3)} to {number(far, 3)} mm; plan a wider range"
         reasons = {z: limits.reason(z + tip, tip) for z in wanted}
         reasons |= {z: stands for z in wanted if not reasons[z] and not near * (1 - 1e-6) <= z <= far * (1 + 1e-6)}
+        focus = design.d_f - tip
+        if limits.far < design.d_f < math.inf:
+            reasons.setdefault(focus, limits.reason(design.d_f, tip))
         missed = tuple(Uncovered(z, reason) for z, reason in reasons.items() if reason)
-        return cls(near, far, tuple(z for z in wanted if not reasons[z]), missed)
+        return cls(near, far, tuple(z for z in wanted if not reasons[z]), tuple(sorted(missed, key=lambda m: m.at_mm)))
 
 
 class _Limits(NamedTuple):
@@ -61,19 +67,18 @@ class _Limits(NamedTuple):
     @classmethod
     def of(cls, design: Design, board: Board, tilt: float) -> _Limits:
         """Limits of a board tilted by up to `tilt` [rad]."""
-        camera, tip, pupil = camera_of(design), float(Camera.of(design).tip), pupil_of(design)
+        tip, pupil = float(Camera.of(design).tip), pupil_of(design)
         sides = sorted((board.columns * board.cell, board.rows * board.cell))
         extents = sorted(field_at(design, pupil + 1.0))  # per millimetre ahead of the FAP
         first, last = (float(end) for end in depth_of_field(Camera.of(design), "view"))
         whole = max(side / extent for side, extent in zip(sides, extents, strict=True))
-        fine = board.cell * abs(camera.A) / (LEAST_CELL * camera.d)
         near = (
             (pupil + whole, "the sensor sees the board whole"),
             (tip + math.hypot(*sides) / 2 * math.sin(tilt), "the board, tilted, stands clear of the tip"),
             (tip + first, "views are sharp"),
         )  # fmt: skip
         far = (
-            (pupil + fine, f"the board's cells span {LEAST_CELL:g} microlenses"),
+            (told_apart_to(design, board), f"the board's cells span {LEAST_CELL:g} microlenses"),
             (tip + last, "views are sharp"),
         )  # fmt: skip
         (nearest, why_near), (farthest, why_far) = max(near), min(far)
@@ -110,7 +115,7 @@ def covering(
     half = 0.5 / (count - 1)  # of the way from the nearest board to the farthest one: boards stand evenly
     boards, nearer = [captures.board], [z - half * (last - z) if z < last else z for z in (*places, design.d_f)]
     if choose:
-        boards += [fitting_board(design, z) for z in nearer if z > pupil_of(design)]
+        boards += [fitting_board(design, z, design.d_f) for z in nearer if z > pupil_of(design)]
     best, most = captures, sum(first <= z <= last for z in places)
     for board in dict.fromkeys(boards):
         limits = _Limits.of(design, board, captures.tilt)

@@ -15,6 +15,7 @@ from ..design import Design
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.length_covariance import CalibratedLengths
 from ..words import sentence
+from .corners import LEAST_CELL
 from .fit import StatisticsFit, corner_statistics, fit_at, fit_lines, shared_names, undetermined
 from .frames import Array, CalibrationError
 from .lengths import calibrated_lengths
@@ -35,9 +36,13 @@ _STEEPEST = math.radians(40.0)
 """Beyond this tilt corners are no longer found well."""
 USUAL = Board(4, 5, 6.0)
 """The board of plans for which it is small enough."""
-_CELLS, _ROOM = (4, 5), 0.8
+_CELLS, _FEWER, _ROOM = (4, 5), (4, 4), 0.8
 """Any other board of our own choosing: its cells, and the share of the narrower field that it may fill at its nearest.
 """
+_WIDEST = 1000.0
+"""Longest side of a board that anybody makes [mm]."""
+_ROUND, _FINE = (1, 2, 5), (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
+"""Sizes of its cells, in powers of ten."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +115,7 @@ class Captures:
         camera = Camera.of(design)
         image = abs(float(microlens_image_diameter(camera) * camera.fap.outline.slimness))
         nearest = middle - spread / 2
-        board = fitting_board(design, nearest) if board is None else board
+        board = fitting_board(design, nearest, middle + spread / 2) if board is None else board
         # Aside by no more than leaves its corners in the field where that is smallest.
         room = (min(field_at(design, nearest)) - board.cell * max(board.inner)) / 2
         return cls(
@@ -169,16 +174,26 @@ def _field(camera: Intrinsics, pupil: float, distance: float) -> tuple[float, fl
     return camera.x_0 * scale, camera.y_0 * scale
 
 
-def fitting_board(design: Design, nearest: float) -> Board:
-    """The usual board where the sensor sees it whole, else one whose cells are 1, 2 or 5 times a power of ten."""
+def fitting_board(design: Design, nearest: float, farthest: float) -> Board:
+    """Board that the sensor sees whole at its nearest and whose cells are told apart as far as any board's are [mm].
+
+    The usual one where that will do to the farthest, else 4 x 5 cells of 1, 2 or 5 times a power of ten, else of less
+    round sizes, else fewer cells.
+    """
     width, height = sorted(field_at(design, nearest))
-    if USUAL.columns * USUAL.cell <= width and USUAL.rows * USUAL.cell <= height:
-        return USUAL
-    columns, rows = _CELLS
-    largest = _ROOM * min(width / columns, height / rows)
-    decade = 10.0 ** math.floor(math.log10(largest))
-    cell = max(step * decade for step in (1, 2, 5) if step * decade <= largest * (1 + 1e-9))
-    return Board(columns, rows, float(f"{cell:.3g}"))
+    boards = [USUAL] if USUAL.columns * USUAL.cell <= width and USUAL.rows * USUAL.cell <= height else []
+    for (columns, rows), steps in ((_CELLS, _ROUND), (_CELLS, _FINE), (_FEWER, _FINE)):
+        largest = min(_ROOM * min(width / columns, height / rows), _WIDEST / rows)
+        decade = 10.0 ** math.floor(math.log10(largest))
+        cell = max(step * decade for step in steps if step * decade <= largest * (1 + 1e-9))
+        boards.append(Board(columns, rows, float(f"{cell:.3g}")))
+    return max(boards, key=lambda board: min(told_apart_to(design, board), farthest))
+
+
+def told_apart_to(design: Design, board: Board) -> float:
+    """Farthest distance from the main lens at which a board's cells are large enough for their corners [mm]."""
+    camera = camera_of(design)
+    return pupil_of(design) + board.cell * abs(camera.A) / (LEAST_CELL * camera.d)
 
 
 def too_large(design: Design, captures: Captures) -> str:

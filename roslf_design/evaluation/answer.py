@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -22,10 +23,10 @@ from .specification import (
     FieldImages,
     FieldOfView,
     ObjectField,
-    SharpEnds,
     corner,
     resolved,
 )
+from .working_range import WorkingRange, ranges
 
 Row = tuple[str, str, str]
 """Name, value and remark."""
@@ -85,7 +86,12 @@ class FirstAnswer:
     working_distance_mm: float
     """Tip to focal plane."""
     working_range_mm: tuple[float, float] | None
-    """Where single views are sharp, ahead of the tip; None where pixels are no views."""
+    """Where single views are sharp and depth is of use, ahead of the tip; None where that is nowhere, or pixels are no
+    views."""
+    sharp_views_mm: tuple[float, float] | None
+    """Where single views are sharp; None where pixels are no views."""
+    useful_to_mm: float | None
+    """Farthest of these at which U is a tenth of the distance at most; None where there is none."""
     corner_light: float
     """Light at the corner of the field over that in the middle."""
     corner_slant: float
@@ -129,6 +135,9 @@ class FirstAnswer:
         camera = images.camera
         focus = float(focus_ahead(camera))
         views = bool(has_views(camera))
+        within = None
+        if views:
+            within = WorkingRange.of(camera, partial(depth_budget, camera, build=build, calibration=calibration))
         planes = []
         for plane, distance in ((FOCUS, focus), *((ASKED, asked) for asked in at)):
             field = ObjectField.of(ends, distance, plane)
@@ -151,13 +160,18 @@ class FirstAnswer:
             FieldOfView.of(ends, None),
             "" if medium == "air" else medium,
             focus,
-            SharpEnds.of(camera).view if views else None,
+            *ranges(within),
             points[farthest].relative_illumination,
             float(np.broadcast_to(images.level, (len(points), 1))[farthest, 0]),
             float(QUANTITIES["outer_diameter_mm"](camera)),
             tube.walls(camera),
             tuple(planes),
         )
+
+    def within(self, working: WorkingRange) -> FirstAnswer:
+        """Answer with another working range, as of lengths as built."""
+        ends, sharp, useful = ranges(working)
+        return replace(self, working_range_mm=ends, sharp_views_mm=sharp, useful_to_mm=useful)
 
     @property
     def rows(self) -> tuple[Row, ...]:
@@ -172,9 +186,9 @@ class FirstAnswer:
             ),
             ("working distance", f"{number(self.working_distance_mm, 4)} mm", "tip to focal plane"),
         ]
-        if self.working_range_mm is not None:
-            near, far = self.working_range_mm
-            rows.append(("working range", f"{number(near, 3)} to {number(far, 3)} mm", "where single views are sharp"))
+        if self.sharp_views_mm is not None:
+            within = WorkingRange(*self.sharp_views_mm, math.nan if self.useful_to_mm is None else self.useful_to_mm)
+            rows.append(("working range", within.value, within.remark))
         light = f"{number(100 * self.corner_light, 3)} %"
         rows.append(("light in the corner", light, "of that in the middle of the field"))
         outer = f"{number(self.outer_diameter_mm, 4)} mm"

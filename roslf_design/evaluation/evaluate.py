@@ -49,7 +49,8 @@ from .groups import (
 from .required import requirements
 from .result import Evaluation
 from .specification import FieldImages, depth_assumptions
-from .verdicts import lens_speed, verdicts_of, warnings_of
+from .verdicts import buildable, verdicts_of, warnings_of
+from .working_range import WorkingRange
 
 METHOD = (
     "Closed forms and exact disc areas for pinhole microlenses in focus behind an ideal thin lens; rounding errors are "
@@ -185,7 +186,7 @@ def evaluate(
         depth_budget=budget,
         diffraction=Numbers.of(camera, "diffraction"),
         effects=tuple(plan(design)),
-        verdicts=(*answers, *lens_speed(design, camera)),
+        verdicts=(*answers, *buildable(design, camera)),
         warnings=tuple(warnings_of(design, images)),
         method=" ".join(method),
         real_lens=traced,
@@ -197,13 +198,14 @@ def evaluate(
 
 
 def held_as_built(result: Evaluation, design: Design, build: LengthCovariance) -> Evaluation:
-    """An evaluation of a design whose requirements, they alone, count its lengths as built."""
+    """An evaluation of a design whose requirements and working range, they alone, count its lengths as built."""
     camera = Camera.of(design)
     budget = partial(depth_budget, camera, build=build)
     required = requirements(design, camera, result.answer.field_of_view_deg, budget)
     asked = {one.verdict.name: one.verdict for one in required}
     verdicts = tuple(asked.get(verdict.name, verdict) for verdict in result.verdicts)
-    return replace(result, required=required, verdicts=verdicts)
+    answer = result.answer.within(WorkingRange.of(camera, budget)) if result.answer.sharp_views_mm else result.answer
+    return replace(result, required=required, verdicts=verdicts, answer=answer)
 
 
 def at_temperature(design: Design, temperature: float | str | None) -> Design:

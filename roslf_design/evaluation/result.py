@@ -192,7 +192,7 @@ def answer_tables(result: Evaluation, built: Sequence[DepthBudget] = ()) -> list
     headings: tuple[str, ...] = DISTANCES
     counts = f"U is {result.depth_budget.counted}."
     if built:
-        counts = f"As drawn, {counts} As built, it counts the tolerances of a first look, too."
+        counts = f"As drawn, {counts} As built, and in the working range, it counts a first look's tolerances, too."
         told = [(f"± {number(float(one.expanded_mm), 2)} mm", one.largest.name) for one in built]
         rows = [(*row[:4], *more, *row[4:]) for row, more in zip(rows, told, strict=True)]
         headings = (*headings[:2], "depth, U, as drawn", "mostly of", "U as built", "mostly of", *headings[4:])

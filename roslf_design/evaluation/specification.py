@@ -33,6 +33,7 @@ from ..traced.fields import DesignImages, IdealImages, images_of
 from ..words import number
 from .fields import default_fields
 from .groups import DepthAssumptions
+from .working_range import BudgetAt, WorkingRange
 
 Place = tuple[float, float]
 
@@ -128,7 +129,7 @@ class Resolved:
 
 
 @dataclass(frozen=True)
-class SharpEnds:
+class _SharpEnds:
     """Near and far end ahead of the tip [mm]; an infinite far end is None in JSON."""
 
     view: tuple[float, float]
@@ -136,7 +137,7 @@ class SharpEnds:
     criterion: str = CRITERION
 
     @classmethod
-    def of(cls, camera: Camera) -> SharpEnds:
+    def of(cls, camera: Camera) -> _SharpEnds:
         """Depth of field of a camera, of one view and refocused."""
         return cls(_sharp(camera, "view"), _sharp(camera, "refocused"))
 
@@ -281,8 +282,10 @@ class Specification:
 
     field_of_view_deg: tuple[FieldOfView, ...]
     direction_of_view_deg: float
-    working_range_mm: tuple[float, float]
-    """Range in which single views are sharp, ahead of the tip."""
+    working_range_mm: tuple[float, float] | None
+    """Range in which single views are sharp and depth is of use, ahead of the tip; None where there is none."""
+    useful_to_mm: float | None
+    """Farthest distance at which views are sharp and U is a tenth of it at most; None where there is none."""
     working_distance_mm: float
     """Distance from the tip to the focal plane."""
     hyperfocal_mm: float | None
@@ -291,7 +294,7 @@ class Specification:
     object_field: tuple[ObjectField, ...]
     depth_precision: _DepthPrecision
     resolution: tuple[Resolved, ...]
-    depth_of_field_mm: SharpEnds
+    depth_of_field_mm: _SharpEnds
     field: tuple[_FieldPoint, ...]
     distortion: float | None
     """Distortion at the farthest of the fields [%]."""
@@ -325,6 +328,7 @@ class Specification:
             "independent",
             "object_samples",
             "working_range",
+            "useful_to",
             "hyperfocal",
             "depth",
             "resolution",
@@ -333,16 +337,19 @@ class Specification:
         return data | dict.fromkeys(key for key in data if key.startswith(views))
 
 
-def planes(camera: Camera, asked: Sequence[float] = ()) -> tuple[Station, ...]:
+def planes(camera: Camera, asked: Sequence[float] = (), within: WorkingRange | None = None) -> tuple[Station, ...]:
     """Near end of the working range, focal plane and far end, then the distances asked for [mm ahead of the tip].
 
-    Where the range begins at the tip, half of the focal plane's distance stands for its near end; where it never ends,
-    `BEYOND` times that for the far one.
+    Where the range begins at the tip, half of the focal plane's distance stands for its near end; where views are sharp
+    without end, and depth of use that far, `BEYOND` times that for the far one. Of no working range the ends are those
+    at which views are sharp.
     """
     focus = float(field_of_view.focus_ahead(camera))
-    near, far = _sharp(camera, "view")
+    within = WorkingRange.of(camera) if within is None else within
+    near, far = within.ends or (within.near, within.sharp_to)
     first = ("near end", near) if near > AT_TIP * focus else ("half the focus", focus / 2)
-    last = ("far end", far) if math.isfinite(far) else ("twice the focus", BEYOND * focus)
+    endless = math.isinf(within.sharp_to) and far > BEYOND * focus
+    last = ("twice the focus", BEYOND * focus) if endless else ("far end", far)
     return (first, (FOCUS, focus), last, *((ASKED, at) for at in asked))
 
 
@@ -361,7 +368,10 @@ def resolved(images: IdealImages | DesignImages, field: int, at: float, image: K
 
 
 def specification(
-    design: Design | str | Path, at: float | Sequence[float] = (), shown: FieldImages | None = None
+    design: Design | str | Path,
+    at: float | Sequence[float] = (),
+    shown: FieldImages | None = None,
+    budget: BudgetAt | None = None,
 ) -> Specification:
     """The data sheet of a design: of its straight parts, tilts left out.
 
@@ -376,6 +386,9 @@ def specification(
         Distances ahead of the tip [mm] that are told of beside the working range's ends and the focal plane.
     shown : FieldImages, optional
         Those of the design, where they are known.
+    budget : callable, optional
+        Budget of depth at distances ahead of the tip [mm], by which the working range ends; default: of the lengths as
+        drawn.
 
     Raises
     ------
@@ -394,9 +407,10 @@ def specification(
     shown = FieldImages.of(design) if shown is None else shown
     images, ends = shown.images, shown.ends
     camera = images.camera
-    stations = planes(camera, at)
+    within = WorkingRange.of(camera, budget)
+    stations = planes(camera, at, within)
     distances = tuple(distance for _, distance in stations)
-    sharp = SharpEnds.of(camera)
+    sharp = _SharpEnds.of(camera)
     focused, rows = FocusedArray.of(camera), list[Resolved]()
     if focused is None:
         rows += [resolved(images, k, at, "refocused") for at in distances for k in range(len(images.fields))]
@@ -409,7 +423,8 @@ def specification(
     return Specification(
         field_of_view_deg=tuple(FieldOfView.of(ends, at) for at in (None, *distances)),
         direction_of_view_deg=value["direction_of_view_deg"],
-        working_range_mm=sharp.view,
+        working_range_mm=within.ends,
+        useful_to_mm=_known(within.useful_to),
         working_distance_mm=distances[1],
         hyperfocal_mm=_known(value["hyperfocal_mm"]),
         view_hyperfocal_mm=_known(value["view_hyperfocal_mm"]),

@@ -47,6 +47,8 @@ WIDEST_PIXEL = 0.05
 FAST, WIDE = 1.4, 46.0
 """f-number and full field [degrees] of a double Gauss lens, the fastest of the standard forms at such a field: the
 example of 50 mm in W. J. Smith, Modern Lens Design, p. 335."""
+FASTEST_ARRAY = 3.0
+"""f-number f_ml/d, rounded down, of the fastest microlens array in the catalogue (SUSS 18-00079, NA 0.16: f/3.1)."""
 NEAR = 1e-2
 """Relative distance below which a design is called near a hard case."""
 
@@ -96,6 +98,27 @@ def lens_speed(design: Design, camera: Camera) -> tuple[Verdict, ...]:
     )
     remedy = "`roslf evaluate` with a real lens (main_lens.prescription) before trusting resolution and depth"
     return (Verdict("lens_speed", False, "limit", text, remedy),)
+
+
+def _microlens_speed(camera: Camera) -> tuple[Verdict, ...]:
+    """Whether microlenses are faster than any in the catalogue; nothing where they are not."""
+    speed = float(QUANTITIES["f_number_microlens_lens"](camera))
+    if speed >= FASTEST_ARRAY * (1 - FEASIBLE):
+        return ()
+    text = (
+        f"microlenses of f/{speed:.3g} (f_ml = {length(float(camera.f_ml))}, pitch {length(float(camera.d))}): no "
+        f"array in the catalogue is faster than f/{FASTEST_ARRAY:g}, and hardly any maker lists one"
+    )
+    remedy = (
+        f'ask a maker first, or hold studies to what there is: [[constraints]] quantity = "f_number_microlens_lens", '
+        f"min = {FASTEST_ARRAY:g}"
+    )
+    return (Verdict("microlens_speed", False, "limit", text, remedy),)
+
+
+def buildable(design: Design, camera: Camera) -> tuple[Verdict, ...]:
+    """Doubts whether a camera's main lens and microlenses are ones that anybody makes; nothing where there are none."""
+    return *lens_speed(design, camera), *_microlens_speed(camera)
 
 
 def _focused(camera: Camera, array: FocusedArray) -> Verdict:

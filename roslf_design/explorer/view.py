@@ -170,9 +170,9 @@ DRAWINGS = {
         "camera", "Pupil diameter and distance", (340, 330), lambda s: (s.design, s.limits),
         lambda design, limits, size: matching_plane(design, size, limits=limits),
     ),
-    "depth": _Drawing("depth", "Depth noise (bound) over distance", (520, 360), lambda s: (s.design,), depth_precision),
+    "depth": _Drawing("depth", "Depth, expected, over distance", (520, 360), lambda s: (s.design,), depth_precision),
     "depth-field": _Drawing(
-        "depth", "Depth noise (bound) over the field", (520, 360), lambda s: (s.design,), depth_over_field
+        "depth", "Depth, expected, over the field", (520, 360), lambda s: (s.design,), depth_over_field
     ),
     "effects": _Drawing(
         "depth", "Effects against their budgets", (520, 420), lambda s: (s.evaluation.effects,),
@@ -308,6 +308,7 @@ TITLES = {
     "thin_lens_holds": "thin lens",
     "corner_lit": "corner light",
     "lens_speed": "lens speed",
+    "microlens_speed": "array speed",
 }
 LEVELS = {"good": "good", "limit": "a limit to know", "fault": "fault"}
 """Words for those who do not see a light's colour."""
@@ -396,6 +397,8 @@ def _margin(evaluation: Evaluation, name: str) -> str:
         return f"{100 * evaluation.answer.corner_light:.3g} %"
     if name == "lens_speed":
         return f"f/{short(evaluation.f_number.main_lens, 3)}"
+    if name == "microlens_speed":
+        return next(verdict.text for verdict in evaluation.verdicts if verdict.name == name).split()[2]
     if lens is None:
         return ""
     shifts = [math.hypot(*field.shift_px) for field in lens.fields if field.shift_px is not None]

@@ -20,6 +20,7 @@ from ..camera import Camera, Number
 from ..design import Design
 from ..errors import InputError, Problem
 from ..progress import CountedProgress, silent
+from ..theory.length_covariance import LengthCovariance
 from ..theory.quantity import FEASIBLE
 from ..tolerancing.draws import Distribution, Draws, Perturbation
 from ..tolerancing.places import expand, nominal_values, tolerance_at
@@ -89,6 +90,13 @@ class Scatter:
             miss.place: miss.tolerance * (np.abs(nominal[miss.place]) / miss.nominal if relative else 1.0)
             for miss, relative in zip(self.perturbations, self.relative, strict=True)
         }
+
+    def covariance(self, problem: DesignProblem, unit: Array) -> LengthCovariance:
+        """Covariance of what one design's builds miss."""
+        sizes = self.tolerances(problem, unit)
+        shares = np.array([p.sigma / p.tolerance if p.tolerance > 0 else 0.0 for p in self.perturbations])
+        sigmas = shares * np.array([float(np.ravel(size)[0]) for size in sizes.values()])
+        return LengthCovariance(tuple(sizes), np.diag(sigmas**2))
 
     def builds(self, problem: DesignProblem, units: Array, deviations: Array) -> Camera:
         """Builds of designs (N, n), shape (N T,): hardware with deviations, f and d_1 too; the focal plane follows."""

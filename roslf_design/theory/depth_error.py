@@ -72,6 +72,8 @@ def depth_told(c: Camera, slope: ArrayLike) -> Array:
 def lengths_error(c: Camera, at: Depth | Array, covariance: LengthCovariance) -> Array:
     """Standard error that lengths known to a covariance put into depths, the same in all pictures [mm]."""
     slope = light_field.epi_slope(c, depth_at(c, at))
+    if np.ndim(slope) > len(c.shape):  # of one camera at many distances: those follow its builds
+        return _finite(covariance.carried(c, lambda builds: np.moveaxis(depth_told(builds, slope[..., None]), -1, 0)))
     return _finite(covariance.carried(c, lambda builds: depth_told(builds, slope)))
 
 

@@ -506,8 +506,8 @@ def _expansion(degrees: tuple[int, ...]) -> tuple[Array, NDArray[np.intp], Array
     that as many as there are powers pin all of them down.
     """
     whole = max(degrees, default=0)
-    terms = np.array([t for t in itertools.product(*(range(d + 1) for d in degrees)) if sum(t) <= whole], np.intp)
-    terms = terms.reshape(-1, len(degrees))
+    powers = [t for t in itertools.product(*(range(d + 1) for d in degrees)) if sum(t) <= whole]
+    terms = np.array(powers, np.intp).reshape(len(powers), len(degrees))  # of images all alike one, of no axis
     offsets = NESTED[terms].T
     return offsets, terms, np.asarray(np.linalg.inv(np.stack(list(_powers(offsets, terms)), -1)), np.float64)
 

@@ -797,7 +797,7 @@ _register(
         label="working distance",
         sheet=Listed("Distances", remark="tip to focal plane"),
     ),
-    *_depth_of_field("view_", "view", "a single view", "working range", "views sharp"),
+    *_depth_of_field("view_", "view", "a single view", "depth of field, one view", "sharp unrefocused"),
     *_depth_of_field("", "refocused", "the image", "depth of field, refocused", "sharp with the focal plane"),
     _hyperfocal("", "refocused", "the image"),
     _hyperfocal("view_", "view", "a single view"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .._arrays import Array, by_value
 from ..accuracy.statement import Accuracy, check_accuracy
 from ..camera import Camera
-from ..design import save
+from ..design import Design, save
 from ..design.files import WRITTEN
 from ..errors import InputError
 from ..json_data import plain
@@ -289,15 +289,20 @@ def lengths_left_out(plan: TolerancePlan, built: LengthCovariance) -> str:
     Lengths are what the builds differ in, so the metric takes each one's as known. `built` is their covariance.
     """
     columns = [plan.columns[limit.column] for limit in plan.limits]
-    goals = [column for column in columns if column.metric in KNOWN_LENGTHS]
+    goals = [(column.label.partition("@")[0], column.at) for column in columns if column.metric in KNOWN_LENGTHS]
+    return depth_left_out(plan.question.design, goals, built)
+
+
+def depth_left_out(design: Design, goals: Sequence[tuple[str, float | None]], built: LengthCovariance) -> str:
+    """Words on what a yield by these goals of expected depth, each with its distance, leaves out; empty of none."""
     if not goals:
         return ""
-    camera, whole = Camera.of(plan.question.design.thin_twin), {}
-    for at in dict.fromkeys(column.at for column in goals):
+    camera, whole = Camera.of(design.thin_twin), {}
+    for at in dict.fromkeys(at for _, at in goals):
         where = "in the focal plane" if at is None else f"at {number(at, 4)} mm"
         whole[where] = number(float(depth_budget(camera, at, build=built).u_z_mm), 3)
     told = listed([f"{u} mm {where}" for where, u in whole.items()])
-    limited = listed(list(dict.fromkeys(column.label.partition("@")[0] for column in goals)))
+    limited = listed(list(dict.fromkeys(name for name, _ in goals)))
     return (
         f"Lengths as built are left out of {limited}: each build's own are taken as known. With them, of a camera that "
         f"nobody calibrates, u = {told}, which the data sheet (`roslf datasheet`) gives and holds against what is "

@@ -154,6 +154,24 @@ def test_boards_stand_wherever_something_is_required_or_asked_for(name, wanted):
     assert np.linalg.norm(np.diff(across, axis=2), axis=-1).mean(axis=(1, 2)).min() > 5 * math.cos(own.tilt)
 
 
+@pytest.mark.parametrize("name", [n for n in preset_names() if not load(n).elements])
+@pytest.mark.parametrize("samples", [30, 34, 40, 47, 55, 64, 90])
+def test_cells_of_a_board_of_our_choosing_are_told_apart_in_the_focal_plane_or_the_plan_says_why_not(name, samples):
+    """Across the narrow side of a sensor that sees so many microlenses: cells by similar triangles from the FAP."""
+    design = load(name)
+    across = min(design.sensor_size) / design.d
+    design = design.replace({"sensor.size": tuple(samples / across * side for side in design.sensor.size)})
+    asked = PlanOptions()
+    captures = Captures.for_design(design)
+    span = captures.board.cell * abs(float(Camera.of(design).A)) / (design.d_f - design.d_3) / design.d
+    missed = plan_cover(design, captures, asked).uncovered
+    assert [one.reason.startswith("the board's cells span 5 microlenses only up to") for one in missed] == [True] * (
+        span < 5
+    )
+    if samples >= 40:  # four cells of a round size in four fifths of the narrow side, an eighth nearer than the focus
+        assert span >= 5
+
+
 def test_distances_that_no_board_serves_for_are_named_with_the_reason():
     design = load("paper")
     asked = PlanOptions(at=(20.0, 240.0, 600.0))

@@ -118,8 +118,13 @@ def test_the_sheet_one_signs_names_its_design_and_ends_where_depth_is_of_little_
     assert all(words in plain for words in ("C7", digest, "prepared", "checked", "approved", "figure-dimensions"))
     lines = {line["name"]: line for line in told["lines"]}
     assert lines["evenly lit"]["text"] == "yes"
-    (useful,) = (line["value"] for name, line in lines.items() if name.startswith("depth to a tenth"))
-    camera = roslf.Camera.of(roslf.load("paper"))
+    near, far = told["specification"]["working_range_mm"]
+    assert [lines[f"working range, {end}"]["value"] for end in ("near", "far")] == [near, far]
+    # Of the paper's bench views blur long before depth is of no use.
+    assert [near, far] == told["specification"]["depth_of_field_mm"]["view"]
+    scope = datasheet.basis(roslf.load("rigid-scope"))
+    (useful,) = (line.value for line in scope.rows if line.name == "working range, far")
+    camera = roslf.Camera.of(scope.design)
     assert float(depth_budget(camera, useful).expanded_mm) <= 0.1 * useful
     assert all(float(depth_budget(camera, far * useful).expanded_mm) > 0.1 * far * useful for far in (1.01, 2.0, 20.0))
 

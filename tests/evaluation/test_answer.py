@@ -2,10 +2,12 @@
 
 import math
 
+import numpy as np
 import pytest
 
 import roslf_design as roslf
 from roslf_design.errors import InputError
+from roslf_design.theory.depth_budget import depth_budget
 
 PAPER = roslf.load("paper")
 
@@ -28,6 +30,22 @@ def test_uncertainty_of_depth_grows_as_disparity_flattens():
     near, there = roslf.evaluate(PAPER, at=(2 * focus,)).answer.at
     assert there.u_z_mm > 3.9 * near.u_z_mm
     assert (near.expanded_mm, there.expanded_mm) == (2 * near.u_z_mm, 2 * there.u_z_mm)
+
+
+def test_a_working_range_ends_where_depth_is_of_little_use():
+    """Brute force: U against a tenth of the distance; where that is passed wherever views are sharp there is none."""
+    scope = roslf.load("cystoscope")
+    answer = roslf.evaluate(scope).answer
+    near, far = answer.working_range_mm
+    assert answer.sharp_views_mm == (near, math.inf)
+    at = np.array([*np.geomspace(near, 0.999 * far, 30), *np.geomspace(1.003 * far, 100 * far, 30)])
+    useful = depth_budget(roslf.Camera.of(scope), at).expanded_mm <= 0.1 * at
+    assert (useful == (at < far)).all()
+    shaky = roslf.evaluate(scope.replace({"depth.disparity_error": 5.0})).answer
+    assert (shaky.working_range_mm, shaky.useful_to_mm, shaky.sharp_views_mm) == (None, None, answer.sharp_views_mm)
+    told = {name: (value, remark) for name, value, remark in shaky.rows}
+    assert told["working range"][0] == "none"
+    assert "but U is 10 % of the distance or more there" in told["working range"][1]
 
 
 def test_a_darker_corner_is_told_with_its_stops():

@@ -17,6 +17,8 @@ from roslf_design.design import DesignError, preset_names
 from roslf_design.evaluation.fields import evaluate_fields, rays_for
 from roslf_design.evaluation.groups import RayBudget, Share
 from roslf_design.evaluation.result import budget_table, seen_table
+from roslf_design.evaluation.verdicts import FASTEST_ARRAY
+from roslf_design.optimization.parts import load_catalogue
 from roslf_design.reporting.design.pages import _accuracy_section
 from roslf_design.theory.stop_images import MicrolensImages
 
@@ -294,6 +296,24 @@ def test_an_ideal_lens_beyond_a_double_gauss_of_f_1_4_over_46_degrees_says_so():
     assert (beyond.ok, beyond.level) == (False, "limit")
     assert f"ideal lens: f/{scope.d_1 / (1.001 * bound):.3g} over " in beyond.text
     assert not any(verdict.name == "lens_speed" for verdict in roslf.evaluate("paper-singlet").verdicts)
+
+
+def test_microlenses_faster_than_any_in_the_catalogue_say_so():
+    arrays = load_catalogue([], shipped=True).microlens_arrays
+    fastest = min(one.focal_length / one.pitch for one in arrays)
+    assert math.floor(fastest) == FASTEST_ARRAY
+    scope = roslf.load("rigid-scope")
+
+    def told(f_number):
+        focal = f_number * scope.microlens_array.pitch
+        result = roslf.evaluate(scope.replace(f_ml=focal))
+        return [verdict for verdict in result.verdicts if verdict.name == "microlens_speed"]
+
+    assert told(3.0) == []
+    (fast,) = told(1.5)
+    assert (fast.ok, fast.level) == (False, "limit")
+    assert fast.text.startswith("microlenses of f/1.5 (f_ml = 30 um, pitch 20 um)")
+    assert 'quantity = "f_number_microlens_lens", min = 3' in fast.remedy
 
 
 def test_verdicts_and_remedies(paper):

@@ -275,13 +275,17 @@ def test_every_number_as_a_row_of_csv(tmp_path, capsys):
 
 @pytest.mark.parametrize("focal_plane", [25.0, 8.0])
 def test_lines_of_one_sheet_agree_and_depths_are_those_of_evaluate(focal_plane):
-    """A scope whose views are sharp to infinity, and one whose far end lies beyond twice the focal plane."""
+    """A scope whose views are sharp to infinity, and one whose far end lies beyond twice the focal plane.
+
+    The working range of the first ends where depth is of little use, not at infinity.
+    """
     design = roslf.load("rigid-scope").replace({"main_lens.focal_plane": focal_plane})
     sheet, told = roslf.specification(design), roslf.evaluate(design)
     (near, far), focus = sheet.working_range_mm, sheet.working_distance_mm
     ends = [("near end", near), ("focal plane", focus)]
     ends.append(("twice the focus", 2 * focus) if focal_plane == 25 else ("far end", far))
-    assert math.isinf(far) if focal_plane == 25 else 2 * focus < far < math.inf
+    assert 2 * focus < far < math.inf
+    assert sheet.depth_of_field_mm.view == (near, math.inf if focal_plane == 25 else far)
     assert [(field.plane, field.at_mm) for field in sheet.object_field] == ends
     spreads = sheet.depth_precision.spreads
     assert [(row.plane, row.at_mm) for row in spreads] == [*ends, ends[1], ends[1]]

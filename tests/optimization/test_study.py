@@ -5,12 +5,19 @@ import math
 import re
 import tomllib
 
+import numpy as np
 import pytest
 
 import roslf_design as roslf
+from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design import save
 from roslf_design.optimization.study import read_study
+from roslf_design.optimization.study import run as run_study
+from roslf_design.reporting.blocks import Statements, Table
+from roslf_design.reporting.optimise.pages import optimization_report, statements
+from roslf_design.theory.depth_budget import depth_budget
+from roslf_design.theory.length_covariance import LengthCovariance
 from tests.optimization.posing import GOOD, PAPER
 
 
@@ -256,6 +263,27 @@ def test_a_share_is_told_as_it_was_applied(capsys, tmp_path):
     (miss,) = found["robust"]["perturbations"]
     assert miss["tolerance"] == pytest.approx(0.002 * found["robust"]["robust_variables_mm"]["f"], rel=1e-9)
     assert miss["tolerance_nominal"] == pytest.approx(0.002 * found["variables_mm"]["f"], rel=1e-9)
+
+
+def test_a_page_shows_the_camera_before_and_after_and_what_a_yield_of_depth_leaves_out():
+    """The drawing and its words are of what was and what is found; u with lengths is that of the robust design."""
+    asked = {"quantity": "u_z_mm", "at": "300 mm", "max": "9 mm"}
+    miss = {"place": "d_2", "tolerance": "5 um", "distribution": "uniform"}
+    tables = {"robust": {"trials": 32, "perturb": [miss]}, "constraints": [asked]}
+    result = run_study(read_study(tomllib.loads(GOOD) | tables, design=PAPER))
+    (section,) = optimization_report(result, "").sections
+    first, picture = section.blocks[:2]
+    assert (type(first), len(first.items), picture.title) == (Statements, 1, "Before and after")
+    best, robust = (dict(result.designs())[f"{name}.toml"] for name in ("best", "robust"))
+    assert f"D_F {PAPER.D_F:.4g} → {best.D_F:.4g} mm" in picture.caption
+    assert f"{PAPER.name} and {best.name}" in picture.content
+    spread = LengthCovariance(("sensor.distance",), np.array([[0.005**2 / 3]]))
+    u = float(depth_budget(Camera.of(robust), 300.0, build=spread).u_z_mm)
+    told = [one.text for one in statements(result) if one.text.startswith("Of Monte Carlo units")]
+    assert f"nobody calibrates, u = {u:.3g} mm at 300 mm" in told[0]
+    (table,) = (block for block in section.blocks if isinstance(block, Table) and block.title == "The design")
+    row = next(row for row in table.rows if row[0] == "D_F")
+    assert row[table.headings.index("before")] == f"{PAPER.D_F:.5g}"
 
 
 def test_a_length_of_zero_needs_no_unit():

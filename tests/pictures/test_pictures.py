@@ -16,9 +16,11 @@ from roslf_design.drawing.picture import PAGE
 from roslf_design.errors import InputError
 from roslf_design.evaluation import default_fields, evaluate
 from roslf_design.evaluation.fields import field_openings
+from roslf_design.evaluation.working_range import WorkingRange
 from roslf_design.imaging.render import render
 from roslf_design.imaging.white import ALWAYS_ON, white_patch
 from roslf_design.reporting.design.curves import (
+    KnownLengths,
     _depth_curve,
     _plane_of,
     depth_comparison,
@@ -38,6 +40,8 @@ from roslf_design.reporting.design.microlens import (
     rays_and_waves,
 )
 from roslf_design.reporting.design.rays import _labelled_fans, cells, dimensions, meridional, ray_diagrams
+from roslf_design.theory.depth_budget import depth_budget
+from roslf_design.theory.length_covariance import LengthCovariance
 from roslf_design.theory.vignetting import room_at
 from tests.pictures.designs import DESIGNS, EXTREMES, PAPER, THROUGH
 
@@ -376,7 +380,9 @@ def test_depth_over_the_field_of_a_single_microlens_is_a_dot():
 
 
 def test_depth_curve_passes_through_the_evaluation_at_the_focal_plane():
-    assert _depth_curve(PAPER).in_focus == pytest.approx(evaluate(PAPER).depth.sigma_z_mm, rel=1e-9)
+    own = evaluate(PAPER)
+    assert _depth_curve(PAPER).least == pytest.approx(own.depth.sigma_z_mm, rel=1e-9)
+    assert _depth_curve(PAPER).in_focus == pytest.approx(float(own.depth_budget.u_z_mm), rel=1e-9)
     fixed = PAPER.replace({"depth.disparity_error": 0.1})
     curve, told = _depth_curve(fixed), evaluate(fixed).depth
     at_focus = np.interp(curve.focus, curve.distance, np.sqrt(curve.sigma)) ** 2  # sqrt of a parabola is linear
@@ -440,7 +446,7 @@ def test_depth_precision_is_told_where_a_ruler_finds_the_object(name):
     """At the focal plane as `evaluate` says; beside it the spread of a point is that of two traced rays."""
     design = THROUGH[name]
     curve = _depth_curve(design, 15)
-    assert curve.in_focus == pytest.approx(evaluate(design).depth.sigma_z_mm, rel=1e-9)
+    assert curve.least == pytest.approx(evaluate(design).depth.sigma_z_mm, rel=1e-9)
     ahead = design.d_f - float(Camera.of(design).tip)
     assert float(np.interp(ahead, curve.distance, curve.blur)) == pytest.approx(0, abs=1e-6 * curve.blur.max())
     # sigma is the disparity error over how fast disparity changes with the object's place.
@@ -448,6 +454,33 @@ def test_depth_precision_is_told_where_a_ruler_finds_the_object(name):
     rate = abs(near.blur[at + 1] - near.blur[at - 1]) / (near.distance[at + 1] - near.distance[at - 1])
     assert near.sigma[at] == pytest.approx(0.1 / rate, rel=1e-6)
     assert curve.distance[0] > 0
+
+
+def test_depth_is_drawn_over_the_working_range_and_all_that_is_required():
+    """Each distance's u and bound as the budget there says, with lengths as built; signs met by what is drawn."""
+    asked = {
+        "u_z_mm": [{"at": 3.0, "max": 0.9}, {"at": 60.0, "max": 0.01}],
+        "field_half_width_mm": {"at": 90, "min": 1},
+    }
+    scope = load("rigid-scope").replace({"required": asked})
+    known = KnownLengths(LengthCovariance(("microlens_array.distance", "aperture.distance"), np.diag([1e-4, 1e-3])))
+    curve, camera = _depth_curve(scope, 7, known), Camera.of(scope)
+    near, far = WorkingRange.of(camera, lambda at: known.budget(camera, at)).ends
+    assert curve.distance[0] < 3.0 < near < far <= curve.distance[-1] * (1 + 1e-9)
+    assert {3.0, 60.0, 90.0} <= {*curve.distance}
+    for at, u, bound in zip(curve.distance[::3], curve.expected[::3], curve.sigma[::3], strict=True):
+        budget = depth_budget(camera, float(at), build=known.build)
+        assert (u, bound) == pytest.approx((float(budget.u_z_mm), float(budget.terms[0].u_mm)), rel=1e-6)
+        assert u > bound
+    picture = depth_precision(scope, known=known)
+    keys = [key.text for key in picture.keys]
+    assert any(text.startswith("u_Z, depth, expected") and "with lengths as built" in text for text in keys)
+    assert "required: u_Z at most 0.9 mm at 3 mm, met" in keys
+    assert "required: u_Z at most 0.01 mm at 60 mm, missed" in keys
+    assert "required at 90 mm" in keys
+    signs = [mark for mark in picture.marks if mark.testid == "required"]
+    assert [(*mark.x, *mark.y) for mark in signs] == [(3.0, 0.9), (60.0, 0.01)]
+    assert {"depth-curve", "sigma-curve", "required-distance"} <= {mark.testid for mark in picture.marks}
 
 
 def test_elements_are_drawn_where_a_ruler_puts_them():

@@ -47,7 +47,9 @@ def few_builds(patch):
         data = study(design, seed)
         return data | {"goals": [goal for goal in data["goals"] if goal["metric"] != "sigma_z_mm"]}
 
-    patch.setattr(curves, "_depth_curve", lambda design, points=241: over_distance(design, 1 + points // 12))
+    patch.setattr(
+        curves, "_depth_curve", lambda design, points=241, *known: over_distance(design, 1 + points // 12, *known)
+    )
     patch.setattr(FieldTransfer, "__call__", polygon)
     patch.setattr(datasheet, "_resolution", refocused)
     patch.setattr(datasheet, "FEW", 6)

@@ -290,6 +290,21 @@ def test_builds_and_distances_lead():
         assert budget.u_z_mm[k] == pytest.approx(float(depth_budget(camera.build(k), build=build).u_z_mm), rel=1e-6)
 
 
+def test_many_distances_at_once_are_each_its_own():
+    """As many distances as the covariance takes steps, too, which must not be taken for each other."""
+    camera = Camera.of(WARM)
+    for at in np.array([200.0, 231.0, 260.0]), np.linspace(200.0, 260.0, 2 * len(PLACES)):
+        budget = depth_budget(camera, at, build=CORRELATED)
+        alone = [float(depth_budget(camera, one, build=CORRELATED).u_z_mm) for one in at.tolist()]
+        assert budget.u_z_mm == pytest.approx(alone, rel=1e-6)
+
+
+def test_many_builds_that_are_all_alike_have_one_bound():
+    camera = Camera.of(PAPER, {"aperture.distance": np.full(300, PAPER.d_3)})
+    one = float(QUANTITIES["sigma_z_mm"](Camera.of(PAPER)))
+    assert QUANTITIES["sigma_z_mm"](camera) == pytest.approx(np.full(300, one), rel=1e-6)
+
+
 def test_fields_have_theirs_too():
     camera = Camera.of(PAPER)
     images = MicrolensImages(camera, [(0.0, 0.0), (11.0, 7.0)])

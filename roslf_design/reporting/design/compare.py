@@ -63,7 +63,7 @@ def comparison_report(
 
 
 def _figures(named: dict[str, Design], results: Sequence[Evaluation]) -> tuple[tuple[Figure, ...], Figure, Figure]:
-    """Each design's rays, the microlens image of each at its sensor's corner, depth noise of all."""
+    """Each design's rays, the microlens image of each at its sensor's corner, depth, expected, of all."""
     caption = "To scale, each design in a scale of its own. Dashed orange rays end at what blocks them."
     rays = tuple(
         Figure.of(f"rays-{letter}", f"{letter}: {design.name}", caption, ray_diagrams(design))
@@ -80,10 +80,11 @@ def _figures(named: dict[str, Design], results: Sequence[Evaluation]) -> tuple[t
     title = "Microlens images at the sensor's corner"
     images = Figure.of("images", title, caption, microlens_images(corners)[0])
     caption = (
-        "One standard deviation of depth that the light, the sensor and the texture of each design leave, over the "
-        "distance ahead of the tip; dots mark the focal planes. The lower curve resolves depth better there."
+        "Depth, expected, one standard deviation, lengths as drawn, of each design over its working range and the "
+        "distances that it requires something at; thin, the bound that photons and read noise alone leave; dots mark "
+        "the focal planes. The lower curve resolves depth better there."
     )
-    return rays, images, Figure.of("depth", "Depth noise (bound)", caption, depth_comparison(named))
+    return rays, images, Figure.of("depth", "Depth, expected", caption, depth_comparison(named))
 
 
 def _parameters(designs: Sequence[Design]) -> Table:

@@ -1,10 +1,11 @@
-"""Curves of a design: depth noise over distance; in the plane of D_F and d_3, where f-numbers match."""
+"""Curves of a design: depth, expected, over distance; in the plane of D_F and d_3, where f-numbers match."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from functools import lru_cache
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -32,13 +33,18 @@ from ...drawing.panel import Panel, Scale
 from ...drawing.picture import PAGE, Picture, legend_height, one_panel
 from ...drawing.theme import SMALL, short, text_width
 from ...evaluation import default_fields
-from ...theory.depth_error import depth_at, depth_error
+from ...evaluation.required import required_distances
+from ...evaluation.working_range import WorkingRange
+from ...theory.depth_budget import BUILT, CALIBRATED, DepthBudget, depth_budget
+from ...theory.depth_error import depth_at, errors_at_fields
 from ...theory.f_number import matched, mismatch_px
 from ...theory.field_of_view import focus_ahead
+from ...theory.length_covariance import CalibratedLengths, LengthCovariance
 from ...theory.light_field import rim_disparity
-from ...theory.quantities import QUANTITIES
+from ...theory.limits import limits
 from ...theory.stop_images import MicrolensImages
 from ...theory.vignetting import corner_room
+from ...words import listed
 
 if TYPE_CHECKING:
     from ...design import Design
@@ -46,6 +52,13 @@ if TYPE_CHECKING:
 LOOKS = (("blue", ""), ("orange", "7 4"), ("green", "8 3 2 3"))
 """Colour and line of each design that is compared."""
 UNKNOWN = box_key("unknown", "grey", 0.9, hatch=True)
+ABOUT = 0.4, 1.8
+"""Ends of the distances drawn, in distances of the focal plane, where depth is of use at none or at all."""
+NEAREST, ROUND = 0.1, 1.04
+"""Nearest end of them, in distances of the focal plane; factor by which they go beyond the focal plane and what is
+required."""
+DECADES = 6.0
+"""Ratio of an axis's ends from which it is logarithmic."""
 FIELDS = 21
 """Number of points from the centre of the field to its corner."""
 POINTS = 121
@@ -55,71 +68,116 @@ LEFT = 1.3
 """How far beyond a FAP behind the lens the plane reaches, over its distance."""
 
 
+@dataclass(frozen=True, eq=False)
+class KnownLengths:
+    """How sure lengths are, for depth as expected; hashed by identity, as covariances are by none."""
+
+    build: LengthCovariance | None = None
+    calibration: CalibratedLengths | None = None
+
+    def budget(self, camera: Camera, at: Array | float | None) -> DepthBudget:
+        """Budget of depth at distances ahead of the tip [mm]; None is the focal plane."""
+        return depth_budget(camera, at, build=self.build, calibration=self.calibration)
+
+
+DRAWN = KnownLengths()
+"""Lengths as drawn: nothing is known of how a workshop makes them."""
+
+
 class _DepthCurve(NamedTuple):
-    """Depth noise (bound) over distance."""
+    """Depth, expected, and its bound over distance."""
 
     distance: Array
     """Distance ahead of the tip [mm], shape (N,)."""
+    expected: Array
+    """u_Z [mm]."""
     sigma: Array
-    """sigma_Z [mm]."""
+    """sigma_Z, that of noise alone [mm]."""
     blur: Array
     """Spread of an object point over the MLA [microlens pitches]."""
     focus: float
     """Distance of the focal plane [mm]."""
     in_focus: float
+    """u_Z there [mm]."""
+    least: float
     """sigma_Z there [mm]."""
+    counts: str
+    """Lengths that u_Z counts, in words."""
+
+
+def _shown_range(design: Design, camera: Camera, known: KnownLengths) -> tuple[float, float, tuple[float, ...]]:
+    """Ends of the distances that are drawn, and the focal plane and those that the design requires something at [mm].
+
+    The working range with the focal plane and what is required; where there is none, about the focal plane.
+    """
+    focus, required = float(focus_ahead(camera)), required_distances(design, math.inf)
+    if not 0 < focus < math.inf:
+        return ABOUT[0] * focus, ABOUT[1] * focus, ()
+    near, far = WorkingRange.of(camera, partial(known.budget, camera)).ends or (ABOUT[0] * focus, ABOUT[1] * focus)
+    near, far = max(near, NEAREST * focus), far if math.isfinite(far) else ABOUT[1] * focus
+    ends = near, far, focus / ROUND, focus * ROUND, *(at / ROUND for at in required), *(at * ROUND for at in required)
+    return min(ends), max(ends), (focus, *required)
 
 
 @lru_cache(maxsize=2)
-def _depth_curve(design: Design, points: int = 241) -> _DepthCurve:
-    """Depth noise (bound) from 0.4 to 1.8 times the focal plane's distance ahead of the tip."""
+def _depth_curve(design: Design, points: int = 241, known: KnownLengths = DRAWN) -> _DepthCurve:
+    """Depth, expected, over the working range and all distances required."""
     camera = Camera.of(design)
-    focus = float(focus_ahead(camera))
-    ahead = np.linspace(0.4, 1.8, points) * focus
+    low, high, among = _shown_range(design, camera, known)
+    focus, spaced = float(focus_ahead(camera)), np.geomspace if high > DECADES * low > 0 else np.linspace
+    ahead = np.union1d(spaced(low, high, points), among)
     blur = np.abs(rim_disparity(camera, depth_at(camera, ahead)))
+    along, here = known.budget(camera, ahead), known.budget(camera, None)
+    u, bound = (np.broadcast_to(np.asarray(u, float), ahead.shape) for u in (along.u_z_mm, along.terms[0].u_mm))
+    lengths = [term.name for term in here.terms if term.name in (BUILT, CALIBRATED) and term.u_mm is not None]
     return _DepthCurve(
-        ahead, np.abs(depth_error(camera, ahead)), blur, focus, float(np.abs(depth_error(camera, focus)))
-    )
+        ahead, u, bound, blur, focus, float(here.u_z_mm), float(np.asarray(here.terms[0].u_mm, float)),
+        f"with {listed(lengths)}" if lengths else "lengths as drawn",
+    )  # fmt: skip
 
 
-def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
-    """Draw sigma_Z over the distance ahead of the tip, and the defocus there on a second axis; `size` in px.
+def depth_precision(design: Design, size: Point = (560, 320), known: KnownLengths = DRAWN) -> Picture:
+    """Draw u_Z and its bound sigma_Z over the distance ahead of the tip, what is required of them, and the defocus.
 
-    The picture's mapping takes pixels to that distance and sigma_Z [mm].
+    The picture's mapping takes pixels to that distance and depth's uncertainty [mm]; `size` in px, and higher by what
+    the keys of what is required take.
     """
-    distance, sigma, blur, ahead, focus = _depth_curve(design, 121)
+    distance, expected, sigma, blur, ahead, focus, _, counts = curve = _depth_curve(design, 121, known)
     keys = [
-        line_key("σ_Z, depth noise (bound)", "blue", 2.2),
+        line_key(f"u_Z, depth, expected, 1 σ, {counts}", "blue", 2.2),
+        line_key("σ_Z, its bound by photons and read noise", "blue", 0.9),
         line_key("spread of a point on the MLA (right axis)", "orange", 1.8, "7 4"),
     ]
-    known = np.isfinite(sigma)
-    across, up = (
-        Scale(float(distance[0]), float(distance[-1])),
-        Scale(0.0, 1.08 * float(np.max(sigma[known], initial=0))),
-    )
-    if not known.any():
-        up = Scale(0.0, 1.0)
+    finite = np.isfinite(expected)
+    asked, told = _asked_of_depth(design, curve)
+    across = Scale(float(distance[0]), float(distance[-1]))
+    across = across._replace(log=across.high > DECADES * across.low > 0)
+    limited = [float(y) for mark in asked if isinstance(mark, Dots) for y in np.ravel(mark.y)]
+    up = _up([*expected[finite], *sigma[finite], *limited])
     sharp = f"{short(focus, 3)} mm" if math.isfinite(focus) else "unknown, as no light or texture gives it"
     words = f"in focus at {short(ahead)} mm: {sharp.partition(',')[0]}"
     width = max(size[0] - 114, 80.0)
-    # Between the two curves, which both leave the upper middle free; never beyond the panel.
+    # Between the curves, which leave the upper middle free; never beyond the panel.
     at, long = float(across.share(ahead)) * width, text_width(words, SMALL)
     start = max(at - 8 - long if at + long + 16 > width else at + 8, min(4.0, width - long))
-    dots: list[Mark] = [*_unknown(distance, known, up)]
-    if not known.all():
+    dots: list[Mark] = [*_unknown(distance, finite, up)]
+    if not finite.all():
         keys.append(UNKNOWN)
     if math.isfinite(focus):
         dots.append(Dots([ahead], [focus], "vermillion", size=6, edge="ground", width=2))
     marks: tuple[Mark, ...] = (
-        Line([ahead] * 2, [0.0, up.high], "grey", 1.2, "6 3"),
-        Line(distance[known], sigma[known], "blue", 2.2, testid="sigma-curve"),
+        Line([ahead] * 2, [up.low, up.high], "grey", 1.2, "6 3"),
+        Line(distance[finite], sigma[finite], "blue", 0.9, testid="sigma-curve"),
+        Line(distance[finite], expected[finite], "blue", 2.2, testid="depth-curve"),
         *dots,
+        *(replace(mark, y=[up.low, up.high]) if isinstance(mark, Line) else mark for mark in asked),
         Text(ahead, up.high, words, "ink", SMALL, "start", start - at, 14, halo=True),
     )
-    labels = "distance ahead of the tip [mm]", "depth noise (bound) σ_Z [mm]"
+    labels = "distance ahead of the tip [mm]", "depth, 1 σ [mm]"
     panel = Panel((0, 0, 1, 1), across, up, marks, *labels, y_colour="blue")
-    title = f"Depth noise (bound) of {design.name}: {sharp} at the focal plane, {ahead:.4g} mm ahead of the tip"
-    picture = one_panel("depth", title, size, panel, keys, right=56)
+    title = f"Depth, expected, of {design.name}: {sharp} at the focal plane, {ahead:.4g} mm ahead of the tip"
+    tall = size[1] + legend_height(told, size[0] - 24)
+    picture = one_panel("depth", title, (size[0], tall), panel, [*keys, *told], right=56)
     other = Scale(0.0, 1.08 * max(float(np.max(blur)), 1e-9))
     spread = Panel(
         picture.panels[0].box, across, other, (Line(distance, blur, "orange", 1.8, "7 4"),),
@@ -128,42 +186,81 @@ def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
     return picture.with_panels(spread)
 
 
+def _asked_of_depth(design: Design, curve: _DepthCurve) -> tuple[list[Mark], list[Key]]:
+    """Signs of what a design requires of depth, at distances that are drawn, lines at others required; their keys."""
+    signs: list[Mark] = []
+    keys: list[Key] = []
+    told = {"u_z_mm": ("u_Z", curve.expected, curve.in_focus), "sigma_z_mm": ("σ_Z", curve.sigma, curve.least)}
+    drawn = [at for at in required_distances(design, math.inf) if curve.distance[0] <= at <= curve.distance[-1]]
+    others = dict.fromkeys(drawn)
+    for asked, quantity, _, most in limits(design):
+        at = curve.focus if asked.at is None else asked.at
+        if quantity.name not in told or most is None or not curve.distance[0] <= at <= curve.distance[-1]:
+            continue
+        symbol, values, here = told[quantity.name]
+        value = here if asked.at is None else float(np.interp(at, curve.distance, values))
+        met = bool(quantity.within(None, most, value))
+        look = ("green" if met else "vermillion", "v")
+        signs.append(Dots([at], [most], *look, size=5, edge="ground", width=1, testid="required"))
+        words = f"required: {symbol} at most {short(most)} mm at {short(at)} mm, {'met' if met else 'missed'}"
+        keys.append(dot_key(words, *look))
+        others.pop(at, None)
+    if others:
+        signs += [Line([at, at], [0.0, 0.0], "ink", 1.0, "2 3", testid="required-distance") for at in others]
+        keys.append(line_key(f"required at {listed([f'{short(at)} mm' for at in others])}", "ink", 1.0, "2 3"))
+    return signs, keys
+
+
+def _up(values: Sequence[float]) -> Scale:
+    """Ordinate for uncertainties, from 0 or, where they differ by much, logarithmic."""
+    low, high = min(values, default=0.0), max(values, default=0.0)
+    if not high > 0:
+        return Scale(0.0, 1.0)
+    return Scale(low / 1.3, high * 4.0, log=True) if high > DECADES * low > 0 else Scale(0.0, 1.15 * high)
+
+
 class _FieldCurve(NamedTuple):
-    """Depth noise (bound) over the field."""
+    """Depth, expected, and its bound over the field."""
 
     place: Array
     """Place of the microlens, from the centre of what the sensor sees to its corner [mm on the array], shape (N,)."""
     sigma: Array
     """sigma_Z at the focal plane [mm]; inf where it is unknown."""
+    expected: Array
+    """u_Z there, lengths as drawn [mm]."""
 
 
 @lru_cache(maxsize=2)
 def field_curve(design: Design) -> _FieldCurve:
-    """Depth noise (bound) at the focal plane from the centre of what the sensor sees to its corner."""
+    """Depth at the focal plane from the centre of what the sensor sees to its corner."""
     centre, _, corner = np.array(default_fields(design))
     share = np.linspace(0.0, 1.0, FIELDS)
     images = MicrolensImages(Camera.of(design), centre + share[:, None] * (corner - centre))
-    sigma = np.asarray(QUANTITIES["sigma_z_at_field_mm"].at_fields(images))
-    return _FieldCurve(share * float(np.hypot(*(corner - centre))), np.broadcast_to(sigma, (FIELDS, 1))[:, 0])
+    each = (np.broadcast_to(error, (FIELDS, 1))[:, 0] for error in errors_at_fields(images))
+    return _FieldCurve(share * float(np.hypot(*(corner - centre))), *each)
 
 
 def depth_over_field(design: Design, size: Point = (560, 320)) -> Picture:
-    """Draw sigma_Z at the focal plane over the field, from its centre to its corner; `size` in px."""
-    place, sigma = field_curve(design)
-    known = np.isfinite(sigma)
-    best = float(np.min(sigma[known], initial=math.inf))
+    """Draw u_Z and its bound at the focal plane over the field, from its centre to its corner; `size` in px."""
+    place, sigma, expected = field_curve(design)
+    known = np.isfinite(expected)
+    best = float(np.min(expected[known], initial=math.inf))
     across = Scale(0.0, float(place[-1]) or design.d / 2)
     # A cut image's error grows without bounds.
-    up = Scale(0.0, min(1.15 * float(np.max(sigma[known], initial=0.0)), 20 * best) if known.any() else 1.0)
-    shown = np.where(known, np.minimum(sigma, 2 * up.high), np.nan)
+    up = Scale(0.0, min(1.15 * float(np.max(expected[known], initial=0.0)), 20 * best) if known.any() else 1.0)
+    shown, bound = (np.where(known, np.minimum(each, 2 * up.high), np.nan) for each in (expected, sigma))
     drawn: Mark = Line(place[known], shown[known], "blue", 2.2, testid="field-curve")
     if not place[-1] > 0:  # a single microlens sees all
         drawn = Dots(place[known][:1], shown[known][:1], "blue", size=6, testid="field-curve")
-    marks = (*_unknown(place, known, up), drawn)
-    labels = "microlens, from the field's centre to its corner [mm]", "depth noise (bound) σ_Z [mm]"
-    keys = [line_key("σ_Z in the plane in focus", "blue", 2.2), *([] if known.all() else [UNKNOWN])]
-    ends = [f"{short(float(value), 3)} mm" if math.isfinite(value) else "unknown" for value in sigma[[0, -1]]]
-    title = f"Depth noise (bound) of {design.name} over the field: {ends[0]} at its centre, {ends[1]} at its corner"
+    marks = (*_unknown(place, known, up), Line(place[known], bound[known], "blue", 0.9), drawn)
+    labels = "microlens, from the field's centre to its corner [mm]", "depth, 1 σ [mm]"
+    keys = [
+        line_key("u_Z, depth, expected, in the plane in focus, lengths as drawn", "blue", 2.2),
+        line_key("σ_Z, its bound by photons and read noise", "blue", 0.9),
+        *([] if known.all() else [UNKNOWN]),
+    ]
+    ends = [f"{short(float(value), 3)} mm" if math.isfinite(value) else "unknown" for value in expected[[0, -1]]]
+    title = f"Depth, expected, of {design.name} over the field: {ends[0]} at its centre, {ends[1]} at its corner"
     return one_panel("depth-field", title, size, Panel((0, 0, 1, 1), across, up, marks, *labels), keys)
 
 
@@ -178,23 +275,26 @@ def _unknown(x: Array, known: NDArray[np.bool_], up: Scale) -> tuple[Mark, ...]:
 
 
 def depth_comparison(designs: Mapping[str, Design]) -> Picture:
-    """Draw sigma_Z of up to three named designs over the distance ahead of the tip; both axes are logarithmic."""
+    """Draw u_Z and, thin, its bound of up to three named designs over the distance ahead of the tip; log axes."""
     marks: list[Mark] = []
     keys: list[Key] = []
     xs, ys = [], []
     for (name, design), (colour, dash) in zip(designs.items(), LOOKS, strict=False):
         curve = _depth_curve(design)
-        known = np.isfinite(curve.sigma)
+        known = np.isfinite(curve.expected)
         xs.append(curve.distance[known])
-        ys.append(curve.sigma[known])
-        marks.append(Line(xs[-1], ys[-1], colour, 2.0, dash))
+        ys.append(np.concatenate([curve.expected[known], curve.sigma[known]]))
+        marks.append(Line(xs[-1], curve.expected[known], colour, 2.0, dash))
+        marks.append(Line(xs[-1], curve.sigma[known], colour, 0.8, dash))
         if math.isfinite(curve.in_focus):
             marks.append(Dots([curve.focus], [curve.in_focus], colour, size=5, edge="ground", width=1.5))
         keys.append(line_key(f"{name}: {design.name}", colour, 2.0, dash))
     every = [np.concatenate(values) for values in (xs, ys)]
     across, up = (Scale(np.min(v, initial=1e9) / 1.15, np.max(v, initial=1e-9) * 1.15, log=True) for v in every)
-    panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "distance ahead of the tip [mm]", "σ_Z [mm]")
-    title = f"Depth noise (bound) of {', '.join(design.name for design in designs.values())}"
+    panel = Panel(
+        (0, 0, 1, 1), across, up, tuple(marks), "distance ahead of the tip [mm]", "u_Z, thin: its bound σ_Z [mm]"
+    )
+    title = f"Depth, expected, of {', '.join(design.name for design in designs.values())}"
     return one_panel("depth-comparison", title, (PAGE, 320 + legend_height(keys, PAGE - 24)), panel, keys)
 
 

@@ -17,7 +17,7 @@ from ...imaging.transfer import encircled
 from ...words import number, spaced, the
 from ..blocks import Figure
 from ..lens_words import lens_words
-from .curves import depth_precision, matching_plane
+from .curves import DRAWN, KnownLengths, depth_precision, matching_plane
 from .effects import effects_budget
 from .field import field_map, field_maps, lens_images, lens_over_field
 from .instrument import instrument_scene
@@ -33,7 +33,7 @@ PLACES = ("centre", "edge", "corner")
 """The fields that a report looks at."""
 
 
-def glance(design: Design, views: bool) -> Figure:
+def glance(design: Design, views: bool, known: KnownLengths = DRAWN) -> Figure:
     """Figure of the whole: camera, rays, image of one microlens and, where pixels are `views`, depth over distance."""
     low = 250.0
     system = meridional(design, (PAGE, 210.0), key=False)
@@ -42,8 +42,8 @@ def glance(design: Design, views: bool) -> Figure:
     above = f"Above: the camera and its rays, {scale_words(across / up)}."
     words = f"{above} Below: the image that the middle microlens paints"
     if views:
-        parts.append(depth_precision(design, (PAGE - 270.0, low)))
-        words += ", and how depth noise (bound) grows with distance; depth, expected, is in the table"
+        parts.append(depth_precision(design, (PAGE - 270.0, low), known))
+        words += ", and depth, expected, over the working range and the distances required, with its bound"
     below = beside("glance-below", "", parts)
     picture = beside("glance", f"{design.name} at a glance", (system, below), down=True)
     return Figure.of("glance", "At a glance", f"{words}.", picture)
@@ -193,17 +193,28 @@ def _plane_sheet(design: Design, result: Evaluation) -> Figure:
     return Figure.of("plane", "FAP diameter and distance", caption, matching_plane(design, (PAGE, 400)))
 
 
-def _depth_sheet(design: Design, result: Evaluation) -> Figure:
+def depth_figure(design: Design, known: KnownLengths = DRAWN, more: str = "", tall: float = 220.0) -> Figure:
+    """Depth, expected, and its bound over distance, in a picture so tall [px]; `more` is said of them."""
+    expected = float(known.budget(Camera.of(design), None).u_z_mm)
+    caption = (
+        f"Depth, expected, 1 σ: {number(expected, 3)} mm at the focal plane, which a measurement is to be believed to, "
+        f"and below it the bound, over the working range and all distances that the design requires something at.{more}"
+    )
+    return Figure.of("depth", "Depth, expected, over distance", caption, depth_precision(design, (PAGE, tall), known))
+
+
+def depth_sheet(design: Design, result: Evaluation, known: KnownLengths = DRAWN) -> Figure:
+    """Depth, expected, and its bound over distance, with what they hang on."""
     depth, basis = result.depth, depth_basis(result.depth.assumes)
     behind = design.d_f - design.d_3 - result.answer.working_distance_mm
-    caption = (
-        f"Depth noise (bound), 1 σ: {number(depth.sigma_z_mm, 3)} mm at the focal plane, where the disparity "
-        f"between the FAP's rims is known to {number(depth.sigma_disparity_pitches, 3)} microlens pitches ({basis}). "
-        f"It grows with the square of the distance from the FAP ({behind:.4g} mm behind the tip), and further as views "
-        "blur. Errors of calibration come on top. The dashed curve shows how many microlenses an object "
-        "point spreads over: far from the focal plane views must be refocused before they are compared."
+    more = (
+        f" The bound is {number(depth.sigma_z_mm, 3)} mm at the focal plane, where the disparity between the FAP's "
+        f"rims is known to {number(depth.sigma_disparity_pitches, 3)} microlens pitches ({basis}). Both grow with the "
+        f"square of the distance from the FAP ({behind:.4g} mm behind the tip), and further as views blur. The dashed "
+        "curve shows how many microlenses an object point spreads over: far from the focal plane views must be "
+        "refocused before they are compared."
     )
-    return Figure.of("depth", "Depth noise (bound) over distance", caption, depth_precision(design, (PAGE, 330)))
+    return depth_figure(design, known, more, 330.0)
 
 
 def _effects_sheet(_: Design, result: Evaluation) -> Figure:
@@ -259,7 +270,7 @@ SHEETS: dict[str, Callable[[Design, Evaluation], Figure]] = {
     "waves": _wave_sheet,
     "maps": _map_sheet,
     "plane": _plane_sheet,
-    "depth": _depth_sheet,
+    "depth": depth_sheet,
     "effects": _effects_sheet,
 }
 """The figures of every design, by name."""

@@ -49,6 +49,7 @@ from ..blocks import (
 from ..lens_words import lens_words
 from ..sheet.lines import SpreadSources, basis, datasheet_section, told_as_built
 from . import figures as sheets
+from .curves import KnownLengths
 from .parts_list import parts_section
 
 if TYPE_CHECKING:
@@ -132,7 +133,8 @@ def design_report(
         built = [depth_budget(Camera.of(design), at, build=looked) for at in (None, *grounds.at)]
         result = held_as_built(result, design, looked)
         grounds = told_as_built(grounds, result.required)
-    figures = _design_figures(design, result, progress)
+    known = grounds.known
+    figures = _design_figures(design, result, known, progress)
     progress("sections")
     answers = Statements((*verdicts(result).items, *(one.statement for one in studied if one.statement)))
     twin = "" if result.real_lens is None else " of the thin twin"
@@ -142,7 +144,7 @@ def design_report(
     sections = (
         Section(
             "Summary",
-            (*opening, answers, sheets.glance(design, result.has_views), *answer_tables(result, built)),
+            (*opening, answers, sheets.glance(design, result.has_views, known), *answer_tables(result, built)),
         ),
         datasheet_section(grounds),
         Section("The design", (figures["dimensions"], parameters, *_seen(result), *_stops(design))),
@@ -172,14 +174,16 @@ def design_report(
     return Report(design.name, design.source, sections)
 
 
-def _design_figures(design: Design, result: Evaluation, progress: CountedProgress) -> dict[str, Figure]:
+def _design_figures(
+    design: Design, result: Evaluation, known: KnownLengths, progress: CountedProgress
+) -> dict[str, Figure]:
     """The figures of every design, by name, but for the plane of pupils where the scene sees none in it."""
     figures = {}
     for number, (name, make) in enumerate(sheets.SHEETS.items()):
         if name == "plane" and (design.aperture.behind or 0.0) >= design.f:
             continue
         progress("figures", number, len(sheets.SHEETS))
-        figures[name] = make(design, result)
+        figures[name] = sheets.depth_sheet(design, result, known) if name == "depth" else make(design, result)
     return figures
 
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from ..._version import __version__
 from ...camera import Camera
-from ...drawing.picture import Picture
+from ...design import PATHS
+from ...drawing.marks import Text
+from ...drawing.picture import PAGE, Picture, beside
+from ...evaluation.verdicts import buildable
 from ...optimization.front import Front
 from ...optimization.goals import Constraint, Goal
 from ...optimization.ranking import Ranking
@@ -23,9 +26,11 @@ from ...tables import Column
 from ...theory.focused import pupil_blur_ratio
 from ...theory.light import microlens_defocus_waves
 from ...theory.quantities import QUANTITIES, bound_note, in_words
+from ...tolerancing.result import KNOWN_LENGTHS, depth_left_out
 from ...tolerancing.yields import Yield
 from ...words import listed, number, sentence
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
+from ..design.rays import meridional, scale_words
 from .pictures import SAME, bore_and_stop, ends_of, goal_front, robust_yields, search_history
 
 TITLES = {
@@ -38,6 +43,8 @@ PRESSED = 1e-6
 """Multiplier from which a limit stops the goals, and is not only touched."""
 AGREED = 1e-3
 """Difference between an optimum as searched and as traced again from which a page warns."""
+HIGH = 170.0
+"""Height of each of the drawings before and after [px]: both stand on the first screen."""
 MOST_LEFT_OUT = 30
 """Combinations that are not listed and that a table shows with their reasons."""
 HISTORY = (
@@ -58,7 +65,8 @@ def _optimization_section(result: Result, command: str = "") -> Section:
     """A study as a section of a report; the command that reruns it is printed where given."""
     asked, notes = result.answer.asked, result.answer.notes
     blocks: list[Block] = [Paragraph(asked.question)] if asked.question else []
-    blocks.append(Statements(tuple(statements(result))))
+    first, *more = statements(result)
+    blocks += [Statements((first,)), *_change(result), Statements(tuple(more))]
     for table in _tables(result):
         rows = tuple(tuple(in_words(cell) for cell in row) for row in table.rows)
         blocks.append(replace(table, rows=rows, headings=tuple(in_words(heading) for heading in table.headings)))
@@ -125,8 +133,12 @@ def _statements(result: Result) -> Iterator[Statement]:
         table = result.study.table.robust
         if table is not None and table.maximise == "quantile" and robust.robust.yield_.interval[0] < table.wanted_yield:
             text += f" The target yield is {100 * table.wanted_yield:g} %, which the interval does not promise."
+        goals = [(one.quantity.name, one.at) for one in _judged(result) if one.quantity.name in KNOWN_LENGTHS]
+        built = robust.scatter.covariance(problem, robust.unit)
+        text += f" {depth_left_out(problem.design_at(robust.unit), goals, built)}".rstrip()
         yield Statement("plain", text)
     yield from _about_focus(result)
+    yield from _about_making(result)
     if result.front is not None:
         yield from _about_front(result.front)
     if result.ranking is not None:
@@ -172,6 +184,23 @@ def _about_focus(result: Result) -> Iterator[Statement]:
     least = min(float(defocus(camera) / pupil_blur_ratio(camera)) for camera in blurred.values())
     remedy = f'Ask for it by [[constraints]]: quantity = "microlens_defocus_px", max = {least:.2g}'
     yield Statement("caution", text, f"{remedy}{'' if 'd_2' in result.answer.variables() else ', and let d_2 vary'}.")
+
+
+def _about_making(result: Result) -> Iterator[Statement]:
+    """Statement on what of a design hardly anybody makes, that of the first design of each such doubt."""
+    doubts: dict[str, Statement] = {}
+    for name, design in result.designs():
+        for doubt in buildable(design, Camera.of(design)):
+            text = f"Of {name.removesuffix('.toml')}: {doubt.text}."
+            doubts.setdefault(doubt.name, Statement("caution", text, sentence(doubt.remedy)))
+    yield from doubts.values()
+
+
+def _judged(result: Result) -> Iterator[Goal | Constraint]:
+    """Goals and limits that the builds of a robust design are judged by."""
+    yield from result.answer.asked.constraints
+    if result.study.table.robust is not None and result.study.table.robust.maximise == "quantile":
+        yield result.answer.asked.goals[0]
 
 
 def _about_optimum(result: Result) -> Iterator[Statement]:
@@ -299,6 +328,42 @@ def _about_bore(result: Result) -> Statement:
     return Statement("plain" if good and pupil.settled else "caution", f"{text}.", remedy.strip())
 
 
+# --- before and after -------------------------------------------------------------------------------------------------
+
+
+def _before(answer: Answer, names: Iterable[str]) -> dict[str, float]:
+    """Values that a study's design had of variables and of what follows from them, where they are its lengths."""
+    numbers = Camera.of(answer.problem.design).numbers
+    places = {name: PATHS.get(name, name) for name in names}
+    return {name: float(numbers[place]) for name, place in places.items() if place in numbers}
+
+
+def _change(result: Result) -> Iterator[Figure]:
+    """The camera before and after, and what changed; nothing where no design came of it."""
+    answer, after = result.answer, next((design for _, design in result.designs()), None)
+    if after is None:
+        return
+    before = answer.problem.design
+    drawn = {"before": before, "optimised" if answer.feasible else "least violating": after}
+    pictures, scales = [], []
+    for name, design in drawn.items():
+        picture = meridional(design, (PAGE, HIGH), key=False)
+        across, up = picture.mapping.per_px
+        scales.append(f"{name} {scale_words(across / up)}")
+        pictures.append(replace(picture, remarks=(*picture.remarks, Text(8.0, 14.0, name, bold=True, halo=True))))
+    values = answer.variables() | answer.followers()
+    was, camera = _before(answer, values), Camera.of(before)
+    moved = []
+    for goal in answer.asked.goals:
+        if goal.field is None and not math.isnan(old := float(np.ravel(goal.values(camera))[0])):
+            reached = goal.with_unit(answer.number(goal), 4)
+            moved.append(f"{in_words(goal.label)} {goal.with_unit(old, 4)} → {reached}")
+    moved += [f"{name} {number(was[name], 4)} → {number(values[name], 4)} mm" for name in values if name in was]
+    caption = f"The camera and its rays, {', '.join(scales)}. What changed: {'; '.join(moved)}."
+    title = f"{before.name} and {after.name}"
+    yield Figure.of("optimize-change", "Before and after", caption, beside("change", title, pictures, down=True))
+
+
 # --- tables -----------------------------------------------------------------------------------------------------------
 
 
@@ -311,8 +376,10 @@ def _tables(result: Result) -> Iterator[Table]:
     def called(name: str) -> str:
         return f"{name}, follows" if name in follows else name
 
+    before = _before(answer, values)
     columns: tuple[Column, ...] = (
         ("variable", "l", called),
+        ("before", "d", lambda name: f"{before[name]:.5g}" if name in before else ""),
         ("from", "d", lambda name: "" if name in follows else f"{problem.variables[name].min:.5g}"),
         ("value", "d", lambda name: f"{values[name]:.5g}"),
         ("to", "d", lambda name: "" if name in follows else f"{problem.variables[name].max:.5g}"),

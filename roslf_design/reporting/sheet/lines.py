@@ -30,6 +30,7 @@ from ...evaluation.specification import (
     specification,
 )
 from ...evaluation.verdicts import lit
+from ...evaluation.working_range import RULE, WorkingRange
 from ...tables import csv_bytes
 from ...theory.colours import GREEN
 from ...theory.depth_budget import COVERAGE, depth_budget
@@ -43,7 +44,8 @@ from ...tolerancing.trials import first_builds, lengths_built
 from ...traced.fields import IdealImages
 from ...words import number
 from ..blocks import Block, Figure, Paragraph, Report, Section, Table
-from ..design.figures import dimensions_sheet, glance
+from ..design.curves import KnownLengths
+from ..design.figures import depth_figure, dimensions_sheet, glance
 from ..design.rays import dimensions
 from ..lens_words import lens_words
 from ..tolerance.pages import impossible_words
@@ -68,12 +70,8 @@ USABLE = (
     "Finest detail that shows as what it is: the coarser of what still has half its contrast (MTF 50 %) and of half a "
     "period a microlens, above which detail aliases."
 )
-TENTH = 0.1
-"""Share of the distance up to which its uncertainty leaves depth of use."""
-FAR, LOOKED_AT = 1e3, 12
-"""Distance that is looked about where the focal plane is at none [mm], and how many are looked at."""
-CLOSE = 1e-3
-"""Share to which the distance is then known: the sheet has three digits."""
+RANGE = "working range"
+"""Name of the lines on it."""
 DEPTH, EXPECTED = "Depth noise (bound), 1 σ", "Depth, expected"
 SHARP = f"Sharp: {CRITERION}."
 NO_DISTORTION = 0.01
@@ -217,6 +215,11 @@ class SpreadSources(NamedTuple):
         return self.shown.design
 
     @property
+    def known(self) -> KnownLengths:
+        """Knowledge of lengths that depth, expected, is drawn with: as built, else as a first look builds them."""
+        return KnownLengths(self.looked if self.build is None else self.build, self.calibration)
+
+    @property
     def words(self) -> str:
         """Sentences on the sources, joined."""
         return " ".join(self.sentences)
@@ -226,11 +229,10 @@ def _lines(
     shown: FieldImages,
     sheet: Specification,
     budgets: Mapping[float | None, DepthBudget],
-    useful: float,
     required: Iterable[Requirement],
     built: BuildSpread | None,
 ) -> Iterator[_SheetLine]:
-    """Lines of the page; budgets of depth are by distance, of the focal plane by None; `useful` is how far depth is."""
+    """Lines of the page; budgets of depth are by distance, of the focal plane by None."""
     design = shown.design
     camera = Camera.of(design)
     traced = design.lens is not None  # whose builds are cameras of thin twins
@@ -240,8 +242,10 @@ def _lines(
     angles = {f"field_of_view_{part}deg": getattr(pupil, way) for part, way in ways.items()}
     angles |= {f"tip_field_of_view_{part}deg": getattr(tip, way) for part, way in ways.items()}
     yield from _whole_camera("Field of view", camera, angles)
+    near, far = sheet.depth_of_field_mm.view
+    yield from _range_lines(WorkingRange(near, far, math.nan if sheet.useful_to_mm is None else sheet.useful_to_mm))
     yield from _whole_camera("Distances", camera, {})
-    yield from _expected_lines(budgets, useful)
+    yield from _expected_lines(budgets)
     yield from _depth_lines(sheet, traced)
     for field in sheet.object_field:
         at = f"at {number(field.at_mm, 4)} mm ({field.plane})"
@@ -319,12 +323,30 @@ def _required_lines(required: Iterable[Requirement], built: BuildSpread | None, 
         yield _SheetLine(REQUIRED, one.label, one.value, one.unit, "; ".join(filter(None, told)), own, text, of)
 
 
+def _range_lines(within: WorkingRange) -> Iterator[_SheetLine]:
+    """Lines on both ends of the working range, or that there is none."""
+    if within.ends is None:
+        yield _SheetLine("Distances", RANGE, None, "", within.remark, "", within.value)
+        return
+    near, far = within.ends
+    sharp = "view_depth_of_field_{}_mm"  # whose scatter over builds is an end's where sharpness ends it
+    yield _SheetLine("Distances", f"{RANGE}, near", near, "mm", "where single views are sharp", sharp.format("near"))
+    own = "" if far < within.sharp_to else sharp.format("far")
+    yield _SheetLine("Distances", f"{RANGE}, far", far, "mm", within.remark, own)
+
+
 def told_as_built(grounds: SpreadSources, required: Sequence[Requirement]) -> SpreadSources:
-    """Sources whose lines on a required depth are of requirements that count lengths as a first look builds them."""
-    count, looked = len(required), "; lengths as a first look builds them"
+    """Sources whose lines on the working range and on a required depth count lengths as a first look builds them."""
+    count, looked, camera = len(required), "; lengths as a first look builds them", Camera.of(grounds.design.thin_twin)
     told = zip(required, grounds.rows[:count], _required_lines(required, None, False), strict=True)
-    rows = (new._replace(remark=new.remark + looked) if one.quantity == "u_z_mm" else old for one, old, new in told)
-    return grounds._replace(rows=(*rows, *grounds.rows[count:]))
+    rows = [new._replace(remark=new.remark + looked) if one.quantity == "u_z_mm" else old for one, old, new in told]
+    within = _range_lines(WorkingRange.of(camera, partial(depth_budget, camera, build=grounds.looked)))
+    others = grounds.rows[count:]
+    first = next((k for k, row in enumerate(others) if row.name.startswith(RANGE)), len(others))
+    rows += others[:first]
+    rows += (row._replace(remark=row.remark + looked * (RULE in row.remark)) for row in within if first < len(others))
+    rows += (row for row in others[first:] if not row.name.startswith(RANGE))
+    return grounds._replace(rows=tuple(rows))
 
 
 def _listed(subject: str) -> Iterator[tuple[Quantity, Listed]]:
@@ -344,35 +366,13 @@ def _whole_camera(subject: str, camera: Camera, known: Mapping[str, float]) -> I
         )  # fmt: skip
 
 
-def _useful(budget: Callable[[float], DepthBudget], focus: float) -> float:
-    """Farthest distance ahead of the tip at which U is a tenth of it at most [mm]; infinite without end, NaN: none."""
-
-    def useful(far: float) -> bool:
-        return float(budget(far).expanded_mm) <= TENTH * far
-
-    at: list[float] = ((focus if 0 < focus < math.inf else FAR) * np.geomspace(1e3, 1e-2, LOOKED_AT)).tolist()
-    first = next((k for k, far in enumerate(at) if useful(far)), None)
-    if first is None:
-        return math.nan
-    if first == 0:
-        return math.inf
-    near, far = at[first], at[first - 1]
-    while far - near > CLOSE * near:
-        middle = (near + far) / 2
-        near, far = (middle, far) if useful(middle) else (near, middle)
-    return near
-
-
-def _expected_lines(budgets: Mapping[float | None, DepthBudget], useful: float) -> Iterator[_SheetLine]:
+def _expected_lines(budgets: Mapping[float | None, DepthBudget]) -> Iterator[_SheetLine]:
     """Lines on what a measured depth is to be believed to, on the axis, in the terms of the GUM."""
     budget = budgets[None]
     u, largest = float(budget.u_z_mm), budget.mostly
     missing = "" if math.isfinite(u) else "none"
     yield _SheetLine(EXPECTED, f"expanded uncertainty U, k = {COVERAGE}", COVERAGE * u, "mm", largest, "", missing)
     yield _SheetLine(EXPECTED, "standard uncertainty u", u, "mm", "68 of 100 lie within", "", missing)
-    least = f"farthest where U is {100 * TENTH:g} % of the distance; beyond, depth is of little use"
-    yield _SheetLine(EXPECTED, f"depth to a tenth of the distance, k = {COVERAGE}, out to", useful, "mm", least, "",
-                     "none" if math.isnan(useful) else "")  # fmt: skip
     for at, there in budgets.items():
         if at is not None:
             expanded, mostly = float(there.expanded_mm), there.mostly
@@ -487,15 +487,14 @@ def basis(
 ) -> SpreadSources:
     """A design's sheet, with what a tolerance study and a calibration know of it, and lines at distances asked for."""
     shown = FieldImages.of(design)
-    sheet, sentences = specification(design, at, shown), []
     build = None if built is None else lengths_built(built.plan)
     lengths = None if calibration is None else calibration.lengths
     twin = Camera.of(design.thin_twin)
     budget = partial(depth_budget, twin, build=build, calibration=lengths)
-    useful = _useful(budget, float(focus_ahead(twin))) if sheet.has_views else math.nan
+    sheet, sentences = specification(design, at, shown, budget), []
     budgets = {far: budget(far) for far in (None, *at)}
     required = requirements(shown.design, twin, sheet.field_of_view_deg[0], budget)
-    lines = tuple(_lines(shown, sheet, budgets, useful, required, built))
+    lines = tuple(_lines(shown, sheet, budgets, required, built))
     rows = tuple(line for line in lines if sheet.has_views or not line.of_views)
     if built is not None:
         share, (low, high) = 100 * built.final.result.value, built.final.result.interval
@@ -565,7 +564,7 @@ def datasheet_section(grounds: SpreadSources) -> Section:
         + (" How far lengths are off is a part of it: it has no ± of its own." if spreads else ""),
         DEPTH: "What photons and read noise alone allow, one standard deviation of one measurement, "
         f"{depth_basis(grounds.sheet.depth_precision.assumes)}: no instrument reaches it.",
-        "Object field": "Ends are those of the working range.",
+        "Object field": "Ends are those of the working range" + (", lengths as drawn." if grounds.looked else "."),
         "Resolution": USABLE,
     }
     for line in grounds.rows:
@@ -612,9 +611,12 @@ def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = N
     """The page alone: which design in which revision, its drawing, the lines, fields to sign."""
     design, section = grounds.design, datasheet_section(grounds)
     drawn = [dimensions_sheet(design)]
+    views, known = grounds.sheet.has_views, grounds.known
     if dimensions(design).size[1] < HALF_PAGE:
-        drawn = [glance(design, grounds.sheet.has_views), *drawn]
-    blocks = (sheet_head(design, revision, date), *section.blocks, *drawn, signatures())
+        drawn = [glance(design, views, known), *drawn]
+    elif views:
+        drawn.append(depth_figure(design, known))
+    blocks = (sheet_head(design, revision, date), *section.blocks, signatures(), *drawn)
     return Report(design.name, design.source, (Section(section.title, blocks),))
 
 

@@ -51,7 +51,7 @@ def mtf_curves(design: Design) -> Picture:
             (0, 0, 1, 1), Scale(0.0, float(detail[-1])), Scale(0.0, 1.0), tuple(marks),
             "detail at the focal plane [lp/mm]", "MTF", title=title,
         )  # fmt: skip
-        pictures.append(one_panel(f"mtf-{kind}", title, (PAGE / 2, 236), panel, top=26))
+        pictures.append(one_panel(f"mtf-{kind}", title, (PAGE / 2, 204), panel, top=26))
     dark = lens_words(design.main_lens.kind).unlit
     keys: list[Key] = [
         line_key(name if transfer.middle is not None else f"{name}: {dark}", colour, width)
@@ -84,7 +84,7 @@ def resolution_map(design: Design) -> Picture:
             up = Scale(0.0, 1.08 * float(values[:, 0].max()))
             curve = Line(distances, values[:, 0], "blue", 2.2)
             panel = Panel((0, 0, 1, 1), ahead, up, (curve,), "ahead of the tip [mm]", "MTF 50 % at [lp/mm]")
-            return one_panel("resolution-map", f"{title}, as much at every field", (PAGE, 220), panel, left=64)
+            return one_panel("resolution-map", f"{title}, as much at every field", (PAGE, 190), panel, left=64)
     known = values[np.isfinite(values)]
     top = float(known.max(initial=0.0)) or 1.0
     x, y = Scale(0.0, 100.0), ahead
@@ -98,7 +98,7 @@ def resolution_map(design: Design) -> Picture:
     panel = Panel(
         (0, 0, 1, 1), x, y, tuple(marks), "field, from the middle to the corner [%]", "ahead of the tip [mm]", grid=""
     )
-    picture = one_panel("resolution-map", title, (PAGE, 250), panel, left=64, right=110)
+    picture = one_panel("resolution-map", title, (PAGE, 210), panel, left=64, right=110)
     return picture.with_panels(colour_bar(picture.panels[0], 0.0, top, "blue", "MTF 50 % at [lp/mm]"))
 
 

@@ -1,0 +1,112 @@
+"""The working range: from where single views are sharp to where they are no more, or depth is of little use."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+from ..camera import Camera
+from ..theory.depth_budget import DepthBudget, depth_budget
+from ..theory.depth_of_field import depth_of_field
+from ..theory.field_of_view import focus_ahead
+from ..words import number
+
+TENTH = 0.1
+"""Share of the distance up to which its expanded uncertainty U leaves depth of use."""
+RULE = f"U is {100 * TENTH:g} % of the distance"
+"""House's rule of the end, in words."""
+FAR = 1e3
+"""Distance that is looked about where the focal plane is at none [mm]."""
+REACH, STEP, GUESS, CLOSE, LARGE = 5.0, 1.5, 0.1, 2e-3, 30.0
+"""Logarithms: of how far, in distances of the focal plane, ends are looked for where views are sharp without end or up
+to the tip; of a step; of what is added to a guess; of how well the end is known; the largest told from infinity."""
+BudgetAt = Callable[[float], DepthBudget]
+"""Budget of depth at a distance ahead of the tip [mm]."""
+
+
+class WorkingRange(NamedTuple):
+    """Distances ahead of the tip at which views are sharp and depth is of use [mm]."""
+
+    near: float
+    """Nearest at which single views are sharp."""
+    sharp_to: float
+    """Farthest at which they are."""
+    useful_to: float
+    """Farthest of these at which U is a tenth of the distance at most; infinite without end, NaN if none is."""
+
+    @classmethod
+    def of(cls, camera: Camera, budget: BudgetAt | None = None) -> WorkingRange:
+        """Range of a camera, by its budget of depth; None is that of its lengths as drawn."""
+        near, far = (float(end) for end in depth_of_field(camera, "view"))
+        return cls(
+            near, far, _useful_to(budget or partial(depth_budget, camera), near, float(focus_ahead(camera)), far)
+        )
+
+    @property
+    def ends(self) -> tuple[float, float] | None:
+        """Near and far end; None where depth is of little use wherever views are sharp."""
+        return (self.near, min(self.sharp_to, self.useful_to)) if self.useful_to > self.near else None
+
+    @property
+    def value(self) -> str:
+        """Ends in words."""
+        return "none" if self.ends is None else _from_to(*self.ends)
+
+    @property
+    def remark(self) -> str:
+        """Reason why it ends there, in words."""
+        if self.ends is None:
+            return f"single views are sharp from {_from_to(self.near, self.sharp_to)}, but {RULE} or more there"
+        if self.useful_to < self.sharp_to:
+            return f"to where {RULE}; views are sharp to {number(self.sharp_to, 3)} mm"
+        return "where single views are sharp"
+
+
+def ranges(
+    within: WorkingRange | None,
+) -> tuple[tuple[float, float] | None, tuple[float, float] | None, float | None]:
+    """Working range, range in which views are sharp, and how far depth is of use; None for what there is not."""
+    if within is None:
+        return None, None, None
+    return within.ends, (within.near, within.sharp_to), None if math.isnan(within.useful_to) else within.useful_to
+
+
+def _from_to(near: float, far: float) -> str:
+    return f"{number(near, 3)} to {number(far, 3)} mm"
+
+
+def _useful_to(budget: BudgetAt, near: float, focus: float, far: float) -> float:
+    """Farthest sharp distance ahead of the tip at which U is a tenth of it at most [mm]; NaN where it is none."""
+
+    def excess(at: float) -> float:
+        """Logarithm of U over a tenth of the distance, by that of the distance."""
+        u = float(budget(math.exp(at)).expanded_mm) / (TENTH * math.exp(at))
+        return min(max(math.log(u), -LARGE), LARGE) if u > 0 else -LARGE
+
+    start = math.log(focus if 0 < focus < math.inf else FAR)
+    low, end = (start - REACH if near <= 0 else math.log(near)), (math.log(far) if far < math.inf else start + REACH)
+    useful, below = start, excess(start)
+    high, above = start, below
+    for high in (min(start - below + GUESS, end), end) if below <= 0 else ():  # U grows as the square, or faster
+        if (above := excess(high)) > 0:
+            break
+        useful, below = high, above
+    if above <= 0:
+        return far
+    while below > 0:
+        high, above = useful, below
+        if useful <= low:
+            return math.nan
+        useful = max(useful - STEP, low)
+        below = excess(useful)
+    while high - useful > CLOSE:
+        # By the power law between both, the end that stays made less of (Illinois), so that both move.
+        at = useful + (high - useful) * below / (below - above)
+        at = min(max(at, useful + CLOSE / 2), high - CLOSE / 2)
+        if (there := excess(at)) <= 0:
+            useful, below, above = at, there, above / 2
+        else:
+            high, above, below = at, there, below / 2
+    return math.exp(useful)
