@@ -8,14 +8,17 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import accumulate
 from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar
 
 from .._arrays import by_value
 from ..errors import FAULTS, InputError
+from ..progress import CountedProgress
 from ..tolerancing.run import end_with_parent
+from ..words import about_time, percent
 
 Result = TypeVar("Result")
 Tell = Callable[[float | None, str], None]
@@ -47,6 +50,12 @@ class Progress:
             return None
         return max(self.told / self.share - self.seconds, 0.0)
 
+    @property
+    def words(self) -> str:
+        """How far it is, in words."""
+        left = "" if self.left is None else f" {percent(self.share or 0)}, about {about_time(self.left)} left"
+        return f"running{left}: {self.text}"
+
 
 @dataclass(frozen=True)
 class Failure:
@@ -63,6 +72,28 @@ class Done(Generic[Result]):
 
     result: Result
     seconds: float
+
+
+def stages(tell: Tell, parts: Mapping[str, float]) -> CountedProgress:
+    """Receiver of progress by steps in their order, told as a share of the whole.
+
+    Parameters
+    ----------
+    tell : callable
+        Told of it.
+    parts : mapping
+        How the names of steps begin, and about how long each takes, in any unit.
+    """
+    ends = dict(zip(parts, accumulate(parts.values()), strict=True))
+    whole = sum(parts.values())
+
+    def progress(what: str, done: float = 0.0, total: float = 0.0) -> None:
+        step = next((step for step in parts if what.startswith(step)), "")
+        left = parts.get(step, 0.0) * (1.0 - (done / total if total else 0.0))
+        share = (ends[step] - left) / whole if step else None
+        tell(share, f"{what}: {done:g} of {total:g}" if total else what)
+
+    return progress
 
 
 class ProcessJob(Generic[Result]):

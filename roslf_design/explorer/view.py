@@ -33,7 +33,7 @@ from ..reporting.tolerance.pictures import offender_bars, spread_bars, yield_bar
 from ..theory.depth_budget import NOISE
 from ..theory.quantities import QUANTITIES
 from ..words import listed, percent, the, to_html
-from .runs import OptimiseResult
+from .optimise_run import OptimiseResult
 from .state import (
     BY_SYMBOL,
     FIELDS,

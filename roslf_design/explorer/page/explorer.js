@@ -132,6 +132,7 @@
 
   async function fetchFile(name, event) {
     const button = event && event.currentTarget;
+    if (button && button.ariaBusy) return;
     if (button) button.setAttribute("aria-busy", "true");
     try {
       save(...(await fetched(name)));
