@@ -42,13 +42,16 @@ class Progress:
     seconds: float
     told: float = 0.0
     """Time from its start until that share was done [s]."""
+    began: float | None = None
+    """Time from its start until a first share was known [s]: until then it prepares."""
 
     @property
     def left(self) -> float | None:
         """Time to its end, if it goes on as it has [s]; None where too little is done to tell."""
         if self.share is None or self.share < 0.02:
             return None
-        return max(self.told / self.share - self.seconds, 0.0)
+        began = self.began or 0.0
+        return max(began + (self.told - began) / self.share - self.seconds, 0.0)
 
     @property
     def words(self) -> str:
@@ -121,13 +124,14 @@ class ProcessJob(Generic[Result]):
         """How far it is, or how it ended; returns at once."""
         if not isinstance(self._state, Progress):
             return self._state
-        share, text, told = self._state.share, self._state.text, self._state.told
+        share, text, told, first = self._state.share, self._state.text, self._state.told, self._state.began
         try:
             while self._receiver.poll():
                 kind, content = self._receiver.recv()
                 if kind == "progress":
                     share, text = content
                     told = time.monotonic() - self._began
+                    first = told if first is None and share is not None else first
                     continue
                 seconds = time.monotonic() - self._began
                 return self._end(Done(content, seconds) if kind == "done" else Failure(content))
@@ -135,7 +139,7 @@ class ProcessJob(Generic[Result]):
             self._process.join(GRACE)
             code = self._process.exitcode
             return self._end(Failure(f"the run ended without a result (exit code {code}); is memory short?"))
-        self._state = Progress(share, text, time.monotonic() - self._began, told)
+        self._state = Progress(share, text, time.monotonic() - self._began, told, first)
         return self._state
 
     def cancel(self) -> None:

@@ -45,7 +45,7 @@ def trial_page(trial: Trial) -> dict[str, Any]:
     return {
         "headline": headline,
         "question": f"{columns} x {rows} microlenses about ({short(x, 3)}, {short(y, 3)}) mm on the array, in "
-        f"{len(trial.runs)} exposures of a {trial.scene.name}, as roslf depth measures them.",
+        f"{len(trial.runs)} exposure{'s' * (len(trial.runs) > 1)} of a {trial.scene.name}, as roslf depth measures it.",
         "sentences": [
             {
                 "tone": s.tone,

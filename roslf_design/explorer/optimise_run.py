@@ -27,9 +27,9 @@ FILLED = (0.98, 1.0)
 """Fill factor that counts as matched."""
 STARTS = 8
 FRONT_POINTS = 9
-STEPS = {"searches": 8.0, "checking": 2.0, "finding what": 2.0}
+STEPS = {"searches": 3.0, "checking": 4.0, "finding what": 1.0}
 """Steps of a run, and about how long each takes."""
-FRONT_STEPS = {"front: ends": 6.0, "front: limits": 9.0}
+FRONT_STEPS = {"front: ends": 3.0, "front: limits": 3.5}
 """Further steps where one goal is set against another."""
 
 
