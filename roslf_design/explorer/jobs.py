@@ -129,8 +129,8 @@ class ProcessJob(Generic[Result]):
             while self._receiver.poll():
                 kind, content = self._receiver.recv()
                 if kind == "progress":
-                    share, text = content
-                    told = time.monotonic() - self._began
+                    share, text, at = content
+                    told = at - self._began  # the clock is the machine's, not the process's
                     first = told if first is None and share is not None else first
                     continue
                 seconds = time.monotonic() - self._began
@@ -170,7 +170,7 @@ def _run(sender: Connection, work: Callable[[Any, Tell], Any], request: Any) -> 
     end_with_parent()
 
     def tell(share: float | None, text: str) -> None:
-        sender.send(("progress", (share, text)))
+        sender.send(("progress", (share, text, time.monotonic())))
 
     try:
         message = ("done", work(request, tell))
