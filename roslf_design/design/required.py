@@ -41,6 +41,10 @@ class Required(Part):
             raise ValueError(f"{self.quantity} has no limit; give min, max or both, e.g. {LIKE}")
         return self
 
+    def limits(self, context: Any = None) -> dict[str, Any]:
+        """Limits, and the distance they are for, as files and studies write them; without what is left out."""
+        return self.model_dump(mode="json", exclude_none=True, exclude={"quantity"}, context=context)
+
 
 def _one(data: Any, name: str, info: ValidationInfo) -> Required:
     if isinstance(data, Required):
@@ -81,8 +85,7 @@ def _written(entries: tuple[Required, ...], info: SerializationInfo) -> dict[str
     """Table of a file."""
     tables: dict[str, list[Any]] = {}
     for one in entries:
-        table = one.model_dump(mode="json", exclude_none=True, exclude={"quantity"}, context=info.context)
-        tables.setdefault(one.quantity, []).append(table)
+        tables.setdefault(one.quantity, []).append(one.limits(info.context))
     return {name: several[0] if len(several) == 1 else several for name, several in tables.items()}
 
 

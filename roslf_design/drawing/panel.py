@@ -77,8 +77,12 @@ Tick = tuple[float, str]
 
 
 def named_ticks(values: Iterable[float]) -> tuple[Tick, ...]:
-    """Ticks with their numbers."""
-    return tuple((value, short(value, zero=0.0)) for value in values)
+    """Ticks with their numbers, each told from the others."""
+    known = tuple(values)
+    texts = ([short(value, digits, zero=0.0) for value in known] for digits in (4, 6, 8, 12))
+    return tuple(
+        zip(known, next((each for each in texts if len({*each}) == len({*known})), map(str, known)), strict=True)
+    )
 
 
 @dataclass(frozen=True)
@@ -172,7 +176,8 @@ def threshold(x: float, tall: float, words: str, beside: float | None = None) ->
     """A line through all rows, its name above it or at another abscissa."""
     line = Line([x, x], [-4.0, tall], "orange", 2, clip=False)
     at = x if beside is None else beside
-    return [line, Text(at, 0.0, words, "orange", SMALL, "middle", dy=-8, bold=True)]
+    # Orange text has too little contrast on white.
+    return [line, Text(at, 0.0, words, "lost", SMALL, "middle", dy=-8, bold=True)]
 
 
 def colour_bar(panel: Panel, low: float, high: float, ramp: str, label: str) -> Panel:

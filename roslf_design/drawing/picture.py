@@ -134,8 +134,11 @@ def one_panel(
     top: float = 14.0, right: float = 16.0, foot: float = 42.0,
 ) -> Picture:  # fmt: skip
     """A picture of one panel with its legend below; the panel's box is made to fit, with room for ticks and labels."""
-    width = max(size[0] - left - right, 80.0)
     height = max(size[1] - top - foot - legend_height(keys, size[0] - 24), 60.0)
+    _, up = replace(panel, box=(left, top, 80.0, height)).ticks()
+    if panel.y_label:
+        left = max(left, 30.0 + max((text_width(text, SMALL) for _, text in up), default=0.0))
+    width = max(size[0] - left - right, 80.0)
     return as_tall(name, title, replace(panel, box=(left, top, width, height)), keys, size=size, foot=foot)
 
 

@@ -8,14 +8,17 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import accumulate
 from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar
 
 from .._arrays import by_value
 from ..errors import FAULTS, InputError
+from ..progress import CountedProgress
 from ..tolerancing.run import end_with_parent
+from ..words import about_time, percent
 
 Result = TypeVar("Result")
 Tell = Callable[[float | None, str], None]
@@ -39,13 +42,22 @@ class Progress:
     seconds: float
     told: float = 0.0
     """Time from its start until that share was done [s]."""
+    began: float | None = None
+    """Time from its start until a first share was known [s]: until then it prepares."""
 
     @property
     def left(self) -> float | None:
         """Time to its end, if it goes on as it has [s]; None where too little is done to tell."""
         if self.share is None or self.share < 0.02:
             return None
-        return max(self.told / self.share - self.seconds, 0.0)
+        began = self.began or 0.0
+        return max(began + (self.told - began) / self.share - self.seconds, 0.0)
+
+    @property
+    def words(self) -> str:
+        """How far it is, in words."""
+        left = "" if self.left is None else f" {percent(self.share or 0)}, about {about_time(self.left)} left"
+        return f"running{left}: {self.text}"
 
 
 @dataclass(frozen=True)
@@ -63,6 +75,28 @@ class Done(Generic[Result]):
 
     result: Result
     seconds: float
+
+
+def stages(tell: Tell, parts: Mapping[str, float]) -> CountedProgress:
+    """Receiver of progress by steps in their order, told as a share of the whole.
+
+    Parameters
+    ----------
+    tell : callable
+        Told of it.
+    parts : mapping
+        How the names of steps begin, and about how long each takes, in any unit.
+    """
+    ends = dict(zip(parts, accumulate(parts.values()), strict=True))
+    whole = sum(parts.values())
+
+    def progress(what: str, done: float = 0.0, total: float = 0.0) -> None:
+        step = next((step for step in parts if what.startswith(step)), "")
+        left = parts.get(step, 0.0) * (1.0 - (done / total if total else 0.0))
+        share = (ends[step] - left) / whole if step else None
+        tell(share, f"{what}: {done:g} of {total:g}" if total else what)
+
+    return progress
 
 
 class ProcessJob(Generic[Result]):
@@ -90,13 +124,14 @@ class ProcessJob(Generic[Result]):
         """How far it is, or how it ended; returns at once."""
         if not isinstance(self._state, Progress):
             return self._state
-        share, text, told = self._state.share, self._state.text, self._state.told
+        share, text, told, first = self._state.share, self._state.text, self._state.told, self._state.began
         try:
             while self._receiver.poll():
                 kind, content = self._receiver.recv()
                 if kind == "progress":
-                    share, text = content
-                    told = time.monotonic() - self._began
+                    share, text, at = content
+                    told = at - self._began  # the clock is the machine's, not the process's
+                    first = told if first is None and share is not None else first
                     continue
                 seconds = time.monotonic() - self._began
                 return self._end(Done(content, seconds) if kind == "done" else Failure(content))
@@ -104,7 +139,7 @@ class ProcessJob(Generic[Result]):
             self._process.join(GRACE)
             code = self._process.exitcode
             return self._end(Failure(f"the run ended without a result (exit code {code}); is memory short?"))
-        self._state = Progress(share, text, time.monotonic() - self._began, told)
+        self._state = Progress(share, text, time.monotonic() - self._began, told, first)
         return self._state
 
     def cancel(self) -> None:
@@ -135,7 +170,7 @@ def _run(sender: Connection, work: Callable[[Any, Tell], Any], request: Any) -> 
     end_with_parent()
 
     def tell(share: float | None, text: str) -> None:
-        sender.send(("progress", (share, text)))
+        sender.send(("progress", (share, text, time.monotonic())))
 
     try:
         message = ("done", work(request, tell))

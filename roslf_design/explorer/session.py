@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import re
-import sys
-import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar
 
 from pydantic import FiniteFloat, ValidationError, validate_call
 
 from ..design import Design, DesignError, dumps, loads, preset_names
-from ..design.files import WRITTEN, write_atomically
+from ..design.files import WRITTEN
 from ..drawing.picture import Picture, notice
 from ..drawing.solid import BrowserMesh, changed
 from ..drawing.theme import ThemeName
@@ -25,9 +21,11 @@ from ..evaluation import evaluate
 from ..reporting.design.instrument import scene
 from ..theory.limits import as_design
 from .fixes import Fix, proposals
-from .jobs import Later, Progress
+from .forms import Options, forms
+from .jobs import Failure, Later, ProcessJob, Progress
 from .main_lens import explored_lens
-from .runs import KINDS, Options, Run, forms, summary
+from .report_run import file_stem, run_report
+from .runs import KINDS, Run, summary
 from .state import (
     BY_SYMBOL,
     CONTROLS,
@@ -116,7 +114,7 @@ class Session:
         self._known: dict[Callable[[Design], Any], tuple[Design, Any]] = {}
         self._later = Later(lambda: self.on_news())
         self._drawn: dict[str, tuple[Any, Picture | None, str]] = {}
-        self._children: set[asyncio.subprocess.Process] = set()
+        self._reports: list[ProcessJob[bytes]] = []
         self.on_news: Callable[[], None] = lambda: None
         """Called when something is to be shown that nobody asked for."""
 
@@ -129,6 +127,10 @@ class Session:
     def design(self) -> Design:
         """The last good design."""
         return self.state.design
+
+    @property
+    def _jobs(self) -> list[ProcessJob[Any]]:
+        return [*(run.job for run in self._runs.values()), *self._reports]
 
     def page(self) -> dict[str, Any]:
         """Values of the whole page; pictures only of the view that is shown, once the page is there."""
@@ -154,6 +156,7 @@ class Session:
             "depth_known": known,
             "space": space,
             **{f"{kind}_run": summary(self._runs.get(kind), self.design, self._wrong.get(kind, "")) for kind in KINDS},
+            "reporting": next((s.words for job in self._reports if isinstance(s := job.poll(), Progress)), ""),
             "forms": forms(self.state),
             "presets": list(preset_names()),
             "tabs": [{"key": key, "label": label} for key, label in TABS.items()],
@@ -163,11 +166,8 @@ class Session:
     def close(self) -> None:
         """End all that runs for this tab."""
         self._later.cancel()
-        for run in self._runs.values():
-            run.job.cancel()
-        for process in self._children:
-            with contextlib.suppress(ProcessLookupError):
-                process.kill()
+        for job in self._jobs:
+            job.cancel()
 
     async def download(self, name: str) -> _Download | None:
         """The file that is asked for; None where there is no such thing.
@@ -180,7 +180,7 @@ class Session:
         Raises
         ------
         DownloadError
-            The report's own command failed, or the picture cannot be drawn.
+            The report cannot be made, or the picture cannot be drawn.
         """
         try:
             return await self._made(name)
@@ -188,11 +188,11 @@ class Session:
             raise DownloadError(cause(error)) from None
 
     async def _made(self, name: str) -> _Download | None:
-        stem = re.sub(r"[^A-Za-z0-9._-]+", "-", Path(self.design.name).stem).strip("-.") or "design"
+        stem = file_stem(self.design)
         if name == "design.toml":
             return _Download(f"{stem}.toml", "application/toml", dumps(self.design, WRITTEN).encode())
         if name == "report.html":
-            return _Download(f"{stem}-report.html", "text/html", await self._report(stem))
+            return _Download(f"{stem}-report.html", "text/html", await self._report())
         drawing = DRAWINGS.get(name.removesuffix(".svg"))
         inputs = drawing.inputs(self._source()) if drawing is not None and name.endswith(".svg") else None
         if drawing is None or inputs is None:
@@ -202,27 +202,17 @@ class Session:
         twin = explored_lens(self.design).twin if drawing.tab in ("camera", "depth") else ""
         return _Download(f"{stem}{twin}-{name}", "image/svg+xml", picture.svg_file())
 
-    async def _report(self, stem: str) -> bytes:
-        """The design report, made by the command that it names, in a process of its own that ends with the tab."""
-        with tempfile.TemporaryDirectory(prefix="roslf-") as folder:
-            write_atomically(Path(folder) / f"{stem}.toml", dumps(self.design, WRITTEN).encode())
-            process = await asyncio.create_subprocess_exec(
-                *(sys.executable, "-m", "roslf_design", "report", f"{stem}.toml", "-o", "report"),
-                cwd=folder,
-                stdin=asyncio.subprocess.DEVNULL,
-                stdout=asyncio.subprocess.DEVNULL,
-                stderr=asyncio.subprocess.PIPE,
-            )
-            self._children.add(process)
-            try:
-                _, complaint = await process.communicate()
-            finally:
-                self._children.discard(process)
-                if process.returncode is None:
-                    process.kill()
-            if process.returncode:
-                raise DownloadError(complaint.decode(errors="replace").strip() or "the report was stopped")
-            return (Path(folder) / "report" / "index.html").read_bytes()
+    async def _report(self) -> bytes:
+        """Page of the design report, made in a process of its own that ends with the tab."""
+        job = ProcessJob(run_report, self.design)
+        self._reports.append(job)
+        self._later.do("runs", self._look_after_runs, None, TICK)
+        while isinstance(state := job.poll(), Progress):
+            await asyncio.sleep(TICK)
+        self._reports.remove(job)
+        if isinstance(state, Failure):
+            raise DownloadError(state.message)
+        return state.result
 
     def ask(self, name: str, *arguments: Any) -> None:
         """Do what the page asks, one of `requests`; arguments that its method does not take are told, not raised."""
@@ -404,7 +394,7 @@ class Session:
         return known, None
 
     def _look_after_runs(self) -> None:
-        if any(isinstance(run.job.poll(), Progress) for run in self._runs.values()):
+        if any(isinstance(job.poll(), Progress) for job in self._jobs):
             self._later.do("runs", self._look_after_runs, None, TICK)
 
     def _in_space(self) -> dict[str, Any]:

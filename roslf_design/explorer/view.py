@@ -33,7 +33,7 @@ from ..reporting.tolerance.pictures import offender_bars, spread_bars, yield_bar
 from ..theory.depth_budget import NOISE
 from ..theory.quantities import QUANTITIES
 from ..words import listed, percent, the, to_html
-from .runs import OptimiseResult
+from .optimise_run import OptimiseResult
 from .state import (
     BY_SYMBOL,
     FIELDS,
@@ -136,6 +136,11 @@ class _Drawing(NamedTuple):
     """Kind of run among whose results it stands; empty of a drawing of the design itself."""
 
 
+def _rows(make: Callable[[Any, Size], Picture]) -> Callable[[Any, Size], Picture]:
+    """Drawing of rows as high as they are, whatever room there is."""
+    return lambda part, size: make(part, (size[0], 0))
+
+
 def _of(
     run: str,
     label: str,
@@ -180,11 +185,15 @@ DRAWINGS = {
     ),
     "measured-profile": _of("measure", "Depth measured along a row", (520, 440), profile, tab="depth"),
     "measured-errors": _of("measure", "Errors of the depths measured", (520, 440), normalised, tab="depth"),
-    "yield": _of("tolerance", "Yield of each grade", (420, 200), yield_bars),
+    "yield": _of("tolerance", "Yield of each grade", (420, 200), _rows(yield_bars)),
     "yield-curve": _of("tolerance", "Yield over a common factor on all tolerances", (420, 260), yield_curve),
-    "offenders": _of("tolerance", "Worst offenders, each alone", (560, 300), offender_bars, lambda r: r.offenders),
-    "spreads": _of("tolerance", "Scatter of the limited numbers", (560, 300), spread_bars, lambda r: r.spreads),
-    "changes": _of("optimise", "What changed, between its bounds", (560, 240), change_bars, lambda r: r.changes),
+    "offenders": _of(
+        "tolerance", "Worst offenders, each alone", (560, 300), _rows(offender_bars), lambda r: r.offenders
+    ),
+    "spreads": _of("tolerance", "Scatter of the limited numbers", (560, 300), _rows(spread_bars), lambda r: r.spreads),
+    "changes": _of(
+        "optimise", "What changed, between its bounds", (560, 240), _rows(change_bars), lambda r: r.changes
+    ),
     "search": _of("optimise", "Where the searches ended", (420, 260), search_history, lambda r: r.ends),
     "front": _of("optimise", "Goal against goal", (420, 300), front, lambda r: r if r.front else None),
 }  # fmt: skip

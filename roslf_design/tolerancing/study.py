@@ -243,11 +243,7 @@ class Study(StrictTable):
             raise ValueError(
                 "a study needs at least one [[goals]] with a metric and a limit, or a design with [required]"
             )
-        return tuple(
-            {"metric": asked.quantity, "at": None if asked.at is None else f"{asked.at!r} mm", "min": asked.min}
-            | {"max": asked.max}
-            for asked in design.required
-        )
+        return tuple({"metric": asked.quantity, **asked.limits()} for asked in design.required)
 
     @field_validator("fields", mode="before")
     @classmethod

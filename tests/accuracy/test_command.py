@@ -8,6 +8,7 @@ import pytest
 from roslf_design.accuracy.table import QUANTITIES, _read_table
 from roslf_design.cli import main
 from studies.accuracy import hard_rows, promises
+from tests.docs.described import undescribed
 
 
 def test_hard_cases_prints_json_that_repeats_itself(capsys, monkeypatch):
@@ -20,6 +21,7 @@ def test_hard_cases_prints_json_that_repeats_itself(capsys, monkeypatch):
     assert texts[0] == texts[1]
     data = json.loads(texts[0])
     assert data["held"]
+    assert not undescribed(data)
     assert [case["name"] for case in data["cases"]] == ["d_3 → d_f", "discs near tangency"]
 
 
@@ -29,6 +31,7 @@ def test_diagram_of_one_quantity_at_a_field(tmp_path, capsys):
     assert main(line) == 0
     assert "closed form" in capsys.readouterr().out
     data = json.loads((folder / "accuracy.json").read_text())
+    assert not undescribed(data)
     assert {point["method"] for point in data["diagrams"][0]["points"]} >= {"closed form", "Monte Carlo", "first order"}
     assert data["choices"][0]["expected_error"] <= 1e-4
     page = (folder / "index.html").read_text()

@@ -22,8 +22,14 @@ from roslf_design.theory.length_covariance import LengthCovariance
 from tests.bench.made import BOARD, CELL, RAYS, SAMPLING, board_scene
 from tests.bench.made import POSES as FOUR_POSES
 from tests.bench.made import small as small_camera
+from tests.docs.described import undescribed
 
 POSES = [*FOUR_POSES, (12, -24, -20)]
+NAMES = (
+    *("quantities", "ruler", "variance_shares", "r_hat", "bulk_ess", "tail_ess", "fit", "steps_one_and_two", "joint"),
+    *("ways_apart_sigma", "without", "elements", "off_sigma", "microlenses"),
+)
+"""Objects in calibration.json whose keys are names: of lengths, parameters, sources, images."""
 
 
 def run(capsys, *arguments):
@@ -69,6 +75,7 @@ def test_lengths_of_a_rendered_camera_come_back(capsys, captured, small, tmp_pat
     for words in ("68 % interval", "Calibrated against the design", "Board by board"):
         assert words in said
     result = json.loads((out / "calibration.json").read_text())
+    assert not undescribed(result, NAMES)
     assert [warning for warning in result["warnings"] if "design" in warning] == []
     assert max(result["residual_scales"].values()) < 2
     assert [board["image"] for board in result["boards"]] == result["images_used"]
@@ -175,6 +182,7 @@ def test_calibrated_in_air_used_in_water(capsys, captured, small, tmp_path, blan
     assert (code, err) == (0, "")
     assert "used in a medium of n = 1.333: depths there would be off by -25.0 %" in " ".join(said.split())
     result = json.loads((out / "calibration.json").read_text())
+    assert not undescribed(result, NAMES)
     end, used, ruler = small.d_3 + 2, result["used_in"], result["ruler"]
     distances, told = np.array(used["distances_mm"]), np.array(used["uncorrected_mm"])
     np.testing.assert_allclose((told - end) / (distances - end), 1 / 1.333, rtol=1e-9)
@@ -200,6 +208,7 @@ def test_side_data_reach_the_answer(capsys, captured, small, tmp_path, blank_png
     assert (code, err) == (0, "")
     assert "With the white image's pitch and the boards' distances" in said
     result = json.loads((tmp_path / "out" / "calibration.json").read_text())
+    assert not undescribed(result, NAMES)
     assert result["data_sheet"]["d_sigma_mm"] == pytest.approx(1e-4 * small.d)
     assert result["data_sheet"]["cell_sigma_relative"] == pytest.approx(0.001 / CELL)
     side = result["side_data"]
@@ -505,6 +514,7 @@ def test_sensor_and_pupil_are_measured_and_used(capsys, captured, small, tmp_pat
     code, said, err = run(capsys, "calibrate", tmp_path / "in", *options)
     assert (code, err) == (0, "")
     result = json.loads((out / "calibration.json").read_text())
+    assert not undescribed(result, NAMES)
     sensor, pupil = result["sensor"], result["pupil"]
     assert abs(sensor["gain"]["value"] - gain) < 3 * sensor["gain"]["sigma"] < 0.05
     assert abs(sensor["read_noise"]["value"] - read) < 3 * sensor["read_noise"]["sigma"] < 0.2

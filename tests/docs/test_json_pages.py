@@ -1,7 +1,10 @@
-"""Every key of the JSON objects that `docs/reference/other-json.md` is about stands on that page."""
+"""Every key of the JSON objects that `docs/reference/other-json.md` is about stands on that page.
+
+Those of calibrations and of `roslf accuracy` are looked up where they are made: `tests/commands/test_calibrate.py`,
+`tests/accuracy/test_command.py`.
+"""
 
 import json
-import re
 
 import pytest
 
@@ -10,17 +13,14 @@ from roslf_design.bench.boards import NextPose
 from roslf_design.bench.captures import BoardPose
 from roslf_design.bench.check import BenchCheck, ImageCheck
 from roslf_design.cli import main
+from tests.docs.described import sections
 
 POSE = BoardPose(file="board_01.tif", ahead=20.0, right=0.0, up=0.0, tilt=0.1, towards=0.0, turn=0.0)
 
 
-@pytest.fixture(scope="module")
-def sections(root):
-    text = (root / "docs/reference/other-json.md").read_text()
-    parts = text.split("\n## ")[1:]
-    return {
-        schema: set(re.findall(r"`(\w+)`", body)) for body in parts for schema in re.findall(r"roslf\.[a-z-]+/1", body)
-    }
+@pytest.fixture(scope="module", name="sections")
+def sections_of_the_page():
+    return sections()
 
 
 def assert_described(data, sections):

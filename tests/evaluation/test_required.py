@@ -12,6 +12,7 @@ from roslf_design.evaluation.evaluate import held_as_built
 from roslf_design.evaluation.required import AS_BUILT
 from roslf_design.reporting.sheet.lines import basis
 from roslf_design.theory.length_covariance import LengthCovariance
+from roslf_design.units import parse_quantity
 from roslf_design.words import number
 
 PLAIN = preset_path("rigid-scope").read_text()
@@ -145,6 +146,15 @@ def test_a_design_keeps_what_it_is_asked_for():
     assert loads(dumps(design)) == design
     assert design.replace(d_3=2.0).required == design.required
     assert hash(design) == hash(loads(dumps(design)))
+
+
+def test_limits_are_written_for_studies_as_files_have_them():
+    depth, diameter = asked('u_z_mm = {at = "0.02 m", max = "0.5 mm"}\nouter_diameter_mm = {min = 1, max = 4}').required
+    assert depth.limits() == {"at": "0.02 m", "max": "0.5 mm"}
+    assert diameter.limits() == {"min": 1, "max": 4}
+    for distance in (0.1 + 0.2, 1e-3 / 3, 2e7 / 3):
+        text = depth.model_copy(update={"at": distance}).limits()["at"]
+        assert parse_quantity(text, "length") == distance
 
 
 def test_the_data_sheet_says_whether_it_is_met():

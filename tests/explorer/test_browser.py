@@ -9,8 +9,9 @@ import pytest
 
 from roslf_design.camera import Camera
 from roslf_design.design import dumps, load, loads
-from roslf_design.explorer.runs import ToleranceRequest, run_tolerance
+from roslf_design.explorer.forms import ToleranceRequest
 from roslf_design.explorer.state import BY_SYMBOL, FIELDS, read
+from roslf_design.explorer.tolerance_run import run_tolerance
 from roslf_design.theory.f_number import matched
 from tests.explorer.conftest import Explorer
 

@@ -1,11 +1,11 @@
-"""Every text of the explorer's page in full: none cut by what it lies in, none printed over another."""
+"""Every text of the explorer's page in full: none cut by what it lies in, none printed over another, none pale."""
 
 from roslf_design.design import dumps, load
 from tests.explorer.test_browser import click, idle
 
 FAULTS_OF_TEXTS = r"""
 () => {
-  // Texts that are cut by what they lie in, or that overprint each other.
+  // Texts that are cut by what they lie in, that overprint each other, or that are pale on their ground.
   const faults = [], texts = [], root = document.documentElement;
   const brief = (text) => text.trim().replace(/\s+/g, " ").slice(0, 60);
   const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
@@ -39,6 +39,21 @@ FAULTS_OF_TEXTS = r"""
   for (const box of document.querySelectorAll("input[type=text]")) {
     const full = !box.checkVisibility() || box.scrollWidth <= box.clientWidth + 1;
     if (!full) faults.push(`cut in its field: ${box.value || box.placeholder}`);
+  }
+  const parts = (colour) => colour.match(/[\d.]+/g).map(Number);
+  const light = (colour) => {
+    const linear = parts(colour).map((c) => (c > 10 ? ((c / 255 + 0.055) / 1.055) ** 2.4 : c / 255 / 12.92));
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2] + 0.05;
+  };
+  for (const { words, parent } of texts) {
+    if (parent.closest(":disabled")) continue;
+    const style = getComputedStyle(parent), clear = (box) => (parts(getComputedStyle(box).backgroundColor)[3] ?? 1) < 1;
+    let ground = parent;
+    while (ground !== root && clear(ground)) ground = ground.parentElement;
+    const under = light(getComputedStyle(ground).backgroundColor);
+    const over = light(parent.closest("text") ? style.fill : style.color);
+    const contrast = Math.max(over, under) / Math.min(over, under);
+    if (contrast < 4.5) faults.push(`pale, ${contrast.toFixed(1)} to 1: ${words}`);
   }
   const pen = document.createElement("canvas").getContext("2d");
   for (const box of document.querySelectorAll("select")) {
@@ -77,7 +92,7 @@ FAULTS_OF_TEXTS = r"""
   return [...new Set(faults)];
 }
 """
-"""Script that lists texts which are cut by what they lie in, or overlap each other."""
+"""Script that lists texts which are cut by what they lie in, overlap each other, or have a contrast below 4.5."""
 
 SIZES = ((1024, 768), (1440, 900), (390, 844))
 PRESETS = ("paper", "cystoscope", "paper-singlet")
@@ -91,6 +106,7 @@ WITHOUT_WEBGL = """() => {
 SPOILT = """() => {
   document.querySelector(".card-depth h2").style.cssText = "max-width: 3em; overflow: hidden; white-space: nowrap";
   document.querySelector("#tab-camera").style.cssText = "position: relative; left: 60px";
+  document.querySelector(".card-glance h2").style.color = "#808080";
 }"""
 
 
@@ -126,7 +142,7 @@ def test_texts_that_are_cut_or_overprinted_are_noticed(page):
     click(page, "#tab-depth")
     assert faults(page) == []
     page.evaluate(SPOILT)
-    assert {fault.split()[0] for fault in faults(page)} == {"cut", "overprinted"}
+    assert {fault.split()[0] for fault in faults(page)} == {"cut", "overprinted", "pale,"}
 
 
 def test_it_says_that_it_starts_until_the_page_is_there(page, chromium, explorer):

@@ -7,24 +7,23 @@ from roslf_design.camera import Camera
 from roslf_design.depth.pictures import region_about
 from roslf_design.design import load
 from roslf_design.errors import InputError
-from roslf_design.explorer import runs
-from roslf_design.explorer.runs import (
+from roslf_design.explorer import measure_run
+from roslf_design.explorer.forms import (
     GOALS,
     GRADES,
     HELD,
     VARIABLES,
     MeasureRequest,
     OptimiseRequest,
-    Run,
     ToleranceRequest,
     forms,
     read_form,
-    run_measure,
-    run_optimise,
-    run_tolerance,
-    summary,
 )
+from roslf_design.explorer.measure_run import run_measure, trial_page
+from roslf_design.explorer.optimise_run import run_optimise
+from roslf_design.explorer.runs import Run, summary
 from roslf_design.explorer.state import BY_SYMBOL, State, read
+from roslf_design.explorer.tolerance_run import run_tolerance
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.study import tolerance_plan
 
@@ -162,7 +161,7 @@ def test_what_the_measuring_form_cannot_ask_is_told(options, message):
 
 def test_depth_is_measured_about_the_microlens_that_is_looked_at(monkeypatch):
     """At the corner the square is moved until it lies on the sensor."""
-    monkeypatch.setattr(runs, "ACROSS", 5)
+    monkeypatch.setattr(measure_run, "ACROSS", 5)
     corner = (11.0, 7.3)  # of a sensor of 11.15 x 7.47 mm
     request = read_form(MeasureRequest, PAPER, {"place": list(map(str, corner)), "exposures": ["1"]})
     shares = []
@@ -171,7 +170,7 @@ def test_depth_is_measured_about_the_microlens_that_is_looked_at(monkeypatch):
     assert {rows, columns} <= {5, 6}
     assert abs(trial.first.x_ml[rows // 2, columns // 2] - corner).max() <= 3 * PAPER.d
     assert shares == sorted(shares)
-    page = runs.KINDS["measure"][2](trial)
+    page = trial_page(trial)
     assert "predicted" in page["headline"]
     assert not any("--" in said["remedy"] for said in page["sentences"])
 
@@ -193,7 +192,9 @@ def test_only_what_is_ticked_and_what_is_said_to_follow_moves_and_all_of_it_is_t
     options = {"variables": ["f"], "follows": [follows], "low_f": ["1.7 mm"], "high_f": ["1.9 mm"], "in_focus": ["on"]}
     request = read_form(OptimiseRequest, SCOPE, options)
     assert request.bounds == {"f": (1.7, 1.9)}
-    result = run_optimise(request)
+    shares = []
+    result = run_optimise(request, lambda share, text: shares.append(share))
+    assert shares[1:] == sorted(shares[1:])
     found = result.design
     moved = {s for s in BY_SYMBOL if abs(getattr(found, s) / getattr(SCOPE, s) - 1) > 1e-9}
     assert moved == {"f", follows, "f_ml"}

@@ -4,21 +4,25 @@ import asyncio
 import inspect
 import os
 import re
-import sys
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from roslf_design.cli import main
 from roslf_design.design import dumps, load, loads, preset_names
+from roslf_design.errors import refusal
 from roslf_design.evaluation import evaluate
 from roslf_design.explorer import session as session_module
 from roslf_design.explorer.jobs import PAUSE
+from roslf_design.explorer.report_run import run_report
 from roslf_design.explorer.runs import Run
 from roslf_design.explorer.server import PAGE
 from roslf_design.explorer.session import DownloadError, Session
 from roslf_design.explorer.state import FIELDS, LIGHT, STEPS, TABS
 from roslf_design.explorer.view import DRAWINGS, lights, with_cards
+from tests.reporting.made import few_builds
 
 PAPER = load("paper")
 NUMBERS_GONE_WRONG = re.compile(r"\b(nan|NaN|inf|None|Infinity)\b")
@@ -385,26 +389,38 @@ def test_a_file_too_large_for_a_design_is_refused():
     assert page["message"] == "big.toml: is too large for a design file"
 
 
-REPORTER = """#!/bin/sh
-# What `python -m roslf_design report FILE -o report` is asked, and leaves.
-[ "$3" = report ] && [ "$5 $6" = "-o report" ] || exit 3
-grep -q 'diameter = "3.25 mm"' "$4" || { echo "not the design" >&2; exit 1; }
-mkdir report && cp "$4" report/index.html
-"""
+def made_of(design, tell):
+    """A design's file for its report; of the paper's none."""
+    if design == PAPER:
+        raise refusal("report", "not the design")
+    return dumps(design).encode()
 
 
-def test_the_report_is_made_of_the_design_as_it_is_by_its_own_command(monkeypatch, tmp_path):
-    reporter = tmp_path / "python"
-    reporter.write_text(REPORTER)
-    reporter.chmod(0o755)
-    monkeypatch.setattr(sys, "executable", str(reporter))
+def test_the_report_is_made_of_the_design_as_it_is_in_a_process_of_its_own(monkeypatch):
+    monkeypatch.setattr(session_module, "run_report", made_of)
     session = Session(PAPER)
+    told = []
+    session.on_news = lambda: told.append(session.page()["reporting"])
     with pytest.raises(DownloadError, match="not the design"):
         asyncio.run(session.download("report.html"))
     session.write("D_F", "3.25 mm")
     file = asyncio.run(session.download("report.html"))
     assert (file.name, file.kind) == ("Zhou-2023-bench-system-report.html", "text/html")
     assert loads(file.content.decode()) == session.design
+    assert told[0] == "running: starting"
+    assert session.page()["reporting"] == ""
+
+
+def test_the_report_is_the_one_of_its_command_and_tells_how_much_is_done(monkeypatch, tmp_path):
+    few_builds(monkeypatch)
+    shares = []
+    page = run_report(PAPER, lambda share, text: shares.append(share))
+    assert None not in shares
+    assert shares == sorted(shares)
+    monkeypatch.chdir(tmp_path)
+    Path("Zhou-2023-bench-system.toml").write_text(dumps(PAPER))
+    assert main(["report", "Zhou-2023-bench-system.toml", "-o", "report"]) == 0
+    assert page == Path("report/index.html").read_bytes()
 
 
 def test_there_is_no_other_download():

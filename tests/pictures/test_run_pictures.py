@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roslf_design.explorer.runs import GOALS, OptimiseResult, ToleranceResult
+from roslf_design.explorer.forms import GOALS
+from roslf_design.explorer.optimise_run import OptimiseResult
+from roslf_design.explorer.tolerance_run import ToleranceResult
 from roslf_design.explorer.view import front
 from roslf_design.reporting.optimise.pictures import (
     SearchEnd,

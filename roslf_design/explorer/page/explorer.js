@@ -132,6 +132,7 @@
 
   async function fetchFile(name, event) {
     const button = event && event.currentTarget;
+    if (button && button.ariaBusy) return;
     if (button) button.setAttribute("aria-busy", "true");
     try {
       save(...(await fetched(name)));
@@ -462,13 +463,21 @@
       function home() {
         if (!view.value || !props.scene) return;
         const { halfWidth, ...camera } = toRaw(props.scene.camera);
-        const { width, height } = box.value.getBoundingClientRect();
-        const parallelScale = Math.max(camera.parallelScale, (halfWidth * height) / Math.max(width, 1));
         // In this order: resetting sets the clipping range, and asking for the camera makes it known to the view.
         view.value.resetCamera();
         view.value.getCamera();
-        view.value.setCamera({ ...camera, parallelScale, parallelProjection: true, centerOfRotation: camera.focalPoint });
+        view.value.setCamera({ ...camera, ...whole(), parallelProjection: true, centerOfRotation: camera.focalPoint });
       }
+      // Scale at which all of it is seen.
+      function whole() {
+        const { halfWidth, parallelScale } = toRaw(props.scene.camera);
+        const { width, height } = box.value.getBoundingClientRect();
+        return { parallelScale: Math.max(parallelScale, (halfWidth * height) / Math.max(width, 1)) };
+      }
+      const resized = new ResizeObserver(([{ contentRect }]) => {
+        if (placed && view.value && contentRect.width) view.value.setCamera({ ...view.value.getCamera(), ...whole() });
+      });
+      watch(box, (now) => { if (now) resized.observe(now); });
       function turn(event) {
         const step = { ArrowLeft: [-10, 0], ArrowRight: [10, 0], ArrowUp: [0, 10], ArrowDown: [0, -10] }[event.key];
         if (!step || !view.value) return;

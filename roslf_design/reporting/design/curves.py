@@ -181,7 +181,7 @@ def depth_precision(design: Design, size: Point = (560, 320), known: KnownLength
     other = Scale(0.0, 1.08 * max(float(np.max(blur)), 1e-9))
     spread = Panel(
         picture.panels[0].box, across, other, (Line(distance, blur, "orange", 1.8, "7 4"),),
-        y_label="spread [pitches]", x_ticks=(), grid="", right=True, y_colour="orange",
+        y_label="spread [pitches]", x_ticks=(), grid="", right=True, y_colour="lost",
     )  # fmt: skip
     return picture.with_panels(spread)
 

@@ -11,7 +11,7 @@ import numpy as np
 from ...drawing.marks import Mark, Point, Text, bars
 from ...drawing.panel import Panel, Scale, named_ticks, names_width, threshold
 from ...drawing.picture import Picture
-from ...drawing.theme import PLAIN, SMALL, short, wrapped
+from ...drawing.theme import PLAIN, SMALL, short, text_width, wrapped
 from ...words import spaced
 
 if TYPE_CHECKING:
@@ -69,24 +69,30 @@ def effects_budget(effects: Sequence[PlannedEffect], size: Point = (560, 360)) -
     tall = float(starts[-1]) or BAR
     marks: list[Mark] = []
     words: list[Mark] = []
+    remarks: list[Mark] = []
     for effect, share, name, note, lines, start in zip(shown, shares, names, notes, reasons, starts[:-1], strict=True):
         at, end = start + bar / 2, max(share, low)
         # What is always on keeps its colour below the budget: it is not left out.
         colour = "blue" if effect.on else "pale"
         marks.append(bars(low, end, at, 0.68 * bar, fill=colour, testid=f"effect-{effect.name}"))
         for k, line in enumerate(lines if why else ()):
-            words.append(Text(low, start + bar + 9 + REASON * k, line, "grey", SMALL, dx=14 - left, plate=True))
+            remarks.append(Text(14, TOP + start + bar + 9 + REASON * k, line, "grey", SMALL, plate=True))
         words.append(Text(low, at + 4, name, "ink", SMALL, "end", dx=-7))
         words.append(Text(end, at + 4, note, "ink" if effect.on else "grey", SMALL, dx=8, plate=True))
     if not shown:
         words.append(Text(low, tall / 2, "no effect has a size", "ink", PLAIN, "middle", dx=width / 2))
+    ticks = named_ticks(across.ticks(max(2, int(width / 60))))
+    ticks = tuple(
+        (value, text) for value, text in ticks
+        if width * (1 - float(across.share(value))) + RIGHT > text_width(text, SMALL) / 2
+    )  # fmt: skip
     # The ordinate counts pixels downwards.
     panel = Panel(
         (left, TOP, width, tall), across, Scale(tall, 0.0), (*marks, *threshold(1.0, tall, "budget"), *words),
-        "estimate over budget [1]", grid="x", y_ticks=(), x_ticks=named_ticks(across.ticks(max(2, int(width / 60)))),
+        "estimate over budget [1]", grid="x", y_ticks=(), x_ticks=ticks,
     )  # fmt: skip
     foot = TOP + tall + BELOW
-    remarks = tuple(Text(14, foot + LINE * (k + 0.7), line, "grey") for k, line in enumerate(idle) if why)
-    least = size[1] if math.isfinite(size[1]) else foot + LINE * len(remarks) + 6
+    remarks += (Text(14, foot + LINE * (k + 0.7), line, "grey") for k, line in enumerate(idle) if why)
+    least = size[1] if math.isfinite(size[1]) else foot + LINE * len(idle) + 6
     title = f"Effects against their budgets: {sum(share > 1 for share in shares)} of {len(shown)} above"
-    return Picture("effects", title, (size[0], max(least, foot)), (panel,), remarks=remarks)
+    return Picture("effects", title, (size[0], max(least, foot)), (panel,), remarks=tuple(remarks))

@@ -30,7 +30,7 @@ from ...drawing.marks import (
 )
 from ...drawing.panel import Panel, Scale, colour_bar
 from ...drawing.picture import PAGE, Picture, as_tall, beside, legend_height, one_panel
-from ...drawing.theme import FIELDS, PLAIN, short
+from ...drawing.theme import FIELDS, PLAIN, SMALL, short, text_width
 from ...evaluation import default_fields
 from ...evaluation.fields import field_openings
 from ...fates import ImageFate, RayFate
@@ -122,7 +122,8 @@ def mla_map(design: Design, selected: Point | None = None, size: Point = (460, 4
     if selected is not None:
         marks += _cross(selected, panel)
     words = _shares(thin, fields)
-    remark = Text(14, 16, f"on the sensor: {words}", testid="mla-shares")
+    whole = f"on the sensor: {words}"
+    remark = Text(14, 16, whole if text_width(whole, SMALL) < size[0] - 20 else words, testid="mla-shares")
     title = f"Map of the microlens array of {design.name}: {words} of the images on the sensor"
     panel = panel.with_marks(*marks)
     return Picture("mla-map", title, size, (panel,), tuple(keys), (14.0, size[1] - tall - 2, size[0] - 24), (remark,))

@@ -174,8 +174,8 @@ def offender_bars(offenders: Sequence[Offender], size: Point = (560, 300), *, mo
             slant = end - 100 * high / width * np.array([11.0, 17.0, 13.0, 7.0])
             marks.append(Area(slant, y + np.array([18.0, 32.0, 32.0, 18.0]), "ground"))
         name, notes = f"{row.place} ±{row.tolerance}", row.notes
-        note = next((note for note in notes if text_width(f"{name} {note}", SMALL) + 12 < width), notes[-1])
-        words.append(Text(0.0, y + 14, name, plate=True))
+        note = next((note for note in notes if text_width(f"{name} {note}", SMALL) + 16 < width), notes[-1])
+        words.append(Text(0.0, y + 14, name, dx=4, plate=True))
         words.append(Text(100 * high, y + 14, note, anchor="end", plate=True))
         descriptions.append(f"{name} uses {notes[0]}")
     marks += [*threshold(100.0, tall, "limit"), *words]
