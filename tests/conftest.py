@@ -1,5 +1,6 @@
 """Settings for every test: property tests draw the same examples in every run, so that green means green."""
 
+import gc
 import io
 import math
 import os
@@ -8,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+gc.disable()  # until all tests are read, of which nothing goes: looking for what does takes half of that time
 # Workers share the processors already: threads of linear algebra would wait for each other, spinning. Before numpy.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Threads of kernels too: between two calls they would spin for some milliseconds each time, half of all processor time.
@@ -43,6 +45,12 @@ def pytest_collection_modifyitems(items):
     Then file by file: in the same order in every worker.
     """
     items.sort(key=lambda item: ("tests/explorer/" not in item.nodeid, item.nodeid.partition("::")[0]))
+
+
+def pytest_collection_finish():
+    """What is there by now stays to the end, and need not be looked through again and again."""
+    gc.enable()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")
