@@ -28,7 +28,9 @@ from ..polynomials import Polynomials, nodes_between, products
 from ..shapes.lattice import PACKINGS
 from ..shapes.openings import Openings
 from ..theory.colours import panchromatic
+from ..theory.disparity_error import across_lenses
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
+from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus
 from ..theory.light_field import rim_disparity
 from ..theory.stop_images import MicrolensImages
@@ -488,7 +490,9 @@ class _Sampled:
         s, t = (axis / self.field.pitch for axis in (self.field.s, self.field.t))
         across = np.exp(-2j * math.pi * self.at[:, None] * fx[..., 0][:, None])
         down = np.exp(-2j * math.pi * fy[..., None] * self.at)
-        passed = self.transfer(fx, fy) / packing.rise
+        shape, turn = LENS_SHAPES[self.camera.lens_shape], -float(microlens_defocus(self.camera) * self.camera.d)
+        moved = across_lenses(shape, turn / self.pitch, fx, fy, waves.T[..., None, None])
+        passed = self.transfer(fx, fy) * moved / packing.rise
         back = np.exp(2j * math.pi * fy[..., None] * t)
         along = np.exp(2j * math.pi * fx * s)
 
