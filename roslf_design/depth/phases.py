@@ -256,7 +256,7 @@ class _FreedWaves(NamedTuple):
         field, real = self.light.like, self.light.real
         if real is not None:
             for raw, where in real.shown(field, self.images.fields, waves, disparities):
-                yield raw[..., self.usable], where[..., self.usable].swapaxes(1, 2)
+                yield raw[..., self.usable], where[..., self.usable].swapaxes(1, 2) + self.aside
             return
         s, t = field.s / field.pitch, field.t / field.pitch
         every = waves_shown(self.images, s, t, waves, self.light.side * disparities, reading(field))

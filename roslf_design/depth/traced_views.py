@@ -28,7 +28,9 @@ from ..polynomials import Polynomials, nodes_between, products
 from ..shapes.lattice import PACKINGS
 from ..shapes.openings import Openings
 from ..theory.colours import panchromatic
+from ..theory.disparity_error import across_lenses
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
+from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus
 from ..theory.light_field import rim_disparity
 from ..theory.stop_images import MicrolensImages
@@ -112,7 +114,7 @@ class TracedViews:
         if (opening := self.mounted.fap.opening).straight:  # whose corners the rings, too, are to reach
             points = np.stack(opening.places(*2 * points.T), -1) / opening.width @ _turned(self.design).T
         looks, good = self.view_coordinates(places, points)
-        image, _, _ = self.image_maps(microlenses(self.design, places))
+        image = self.images(places)
         # Polynomials over the pupil at each place, then over the places what these are made of.
         over_pupil = np.linalg.pinv(_over_pupil(points.T).T)
         degree = _degree(int(good.sum()), FIELD_DEGREE)
@@ -194,9 +196,21 @@ class TracedViews:
         return np.where(through, pupil, np.eye(2)), np.where(through, aside, 0.0)
 
     def images(self, places: Array) -> Array:
-        """Images at places in the array's frame (n, 2) [mm] against those by first order, as `TracedLens` has it."""
-        image, _, good = self.image_maps(microlenses(self.design, places))
-        return np.where(good[:, None, None], image, np.eye(2))
+        """Images at places in the array's frame (n, 2) [mm] against those by first order, as `TracedLens` has it.
+
+        Over how far they lie from their neighbours': an aberrated pupil brings them nearer, and they overlap more.
+        """
+        c, turned = microlenses(self.design, places), _turned(self.design)
+        image, _, good = self.image_maps(c)
+        beside = AROUND * np.concatenate([np.eye(2), -np.eye(2)]) * float(self.camera.d)
+        there = microlenses(self.design, (places + beside[:, None]).reshape(-1, 2))
+        _, shift, comes = self.image_maps(there)
+        middle = sensor_of_pupil(self.mounted, there, self.mounted.fap.centre).sensor + shift
+        before, after = (middle @ turned.T).reshape(2, 2, len(c), 2)
+        apart = np.moveaxis(before - after, 0, 1) / (2 * AROUND * float(microlens_image_pitch(self.camera)))
+        good &= comes.reshape(4, -1).all(0)
+        every = good[:, None, None]
+        return np.asarray(np.where(every, image, np.eye(2)) @ np.linalg.inv(np.where(every, apart, np.eye(2))))
 
     def aside(self, places: Array, pupil: Array) -> Array:
         """How far to the side views from points on the FAP see, as `TracedLens` has it."""
@@ -488,7 +502,9 @@ class _Sampled:
         s, t = (axis / self.field.pitch for axis in (self.field.s, self.field.t))
         across = np.exp(-2j * math.pi * self.at[:, None] * fx[..., 0][:, None])
         down = np.exp(-2j * math.pi * fy[..., None] * self.at)
-        passed = self.transfer(fx, fy) / packing.rise
+        shape, turn = LENS_SHAPES[self.camera.lens_shape], -float(microlens_defocus(self.camera) * self.camera.d)
+        moved = across_lenses(shape, turn / self.pitch, fx, fy, waves.T[..., None, None])
+        passed = self.transfer(fx, fy) * moved / packing.rise
         back = np.exp(2j * math.pi * fy[..., None] * t)
         along = np.exp(2j * math.pi * fx * s)
 

@@ -853,14 +853,22 @@ class _OwnWaves(NamedTuple):
         return np.concatenate([light, [even + odd[0], even - odd[0], even + odd[1], even - odd[1]]])
 
 
-def _across_lenses(lenses: _WavesOfLenses, shape: LensShape, periods: Array) -> Array:
+def across_lenses(shape: LensShape, turn: Number, fx: Array, fy: Array, periods: Array) -> Array:
     """Transfer of waves over that of their light where microlenses are out of focus on the FAP.
 
     What passes a side of a microlens then moves on the sensor, and shows the texture behind that side.
+
+    Parameters
+    ----------
+    shape : LensShape
+    turn : float or ndarray
+        How far light through a side moves, over how far that is from the microlens's middle [image pitches a pitch].
+    fx, fy : ndarray
+        Frequencies of images [periods an image pitch].
+    periods : ndarray, shape (2, ...)
+        The waves' [periods a pitch].
     """
-    rows = lenses.rows
-    turn = (rows.defocus * rows.distance * rows.width / rows.pitch)[:, None, None, None]
-    x, y = turn * lenses.fx, turn * lenses.fy
+    x, y = turn * fx, turn * fy
     kx, ky = periods
     alone = shape.blur(x, y) * shape.blur(kx, ky)
     clear = np.abs(alone) > DIM
@@ -896,7 +904,9 @@ def waves_shown(
         lenses = _WavesOfLenses.of(images, x, y, read, ((0.0, 0.0), *map(tuple, some)), mean=False)
         periods = np.stack([lenses.first, packing.wave_up(lenses.first, lenses.second)])[..., None, None]
         along, down = (k / lenses.rows.wide[:, None, None, None] for k in periods)
-        across = _across_lenses(lenses, LENS_SHAPES[images.camera.lens_shape], periods)
+        own = lenses.rows
+        turn = (own.defocus * own.distance * own.width / own.pitch)[:, None, None, None]
+        across = across_lenses(LENS_SHAPES[images.camera.lens_shape], turn, lenses.fx, lenses.fy, periods)
         each = []
         for b in disparities.tolist():
             part = lenses.form(lenses.rows, lenses.fx - b * along, lenses.fy - b * down)[0]
