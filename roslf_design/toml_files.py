@@ -15,9 +15,9 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, ValidationError
 from pydantic.fields import FieldInfo
-from pydantic_core import ErrorDetails
+from pydantic_core import CoreSchema, ErrorDetails, core_schema
 
 from .errors import InputError, Problem
 from .input_files import read_text, strange
@@ -75,6 +75,14 @@ class StrictTable(BaseModel):
 
 PlainNumber = Annotated[float, Field(strict=True)]
 """A number that is not written as text."""
+
+
+class Instance:
+    """Mark of a type whose values a validator makes: pydantic's own `InstanceOf` also builds a reader of its fields."""
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: type, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.is_instance_schema(source)
 
 
 def read_toml(

@@ -3,19 +3,12 @@
 What measures the table, walks the hard cases and draws the diagrams is the study `studies/accuracy`.
 """
 
-from __future__ import annotations
+import lazy_loader as lazy
 
-from .statement import Accuracy, check_accuracy
-from .table import QUANTITIES, AccuracyTable, Choice, choose, current_table, ranked, shipped_table
-
-__all__ = [
-    "QUANTITIES",
-    "Accuracy",
-    "AccuracyTable",
-    "Choice",
-    "check_accuracy",
-    "choose",
-    "current_table",
-    "ranked",
-    "shipped_table",
-]
+__getattr__, __dir__, __all__ = lazy.attach(
+    __name__,
+    submod_attrs={
+        "statement": ["Accuracy", "check_accuracy"],
+        "table": ["QUANTITIES", "AccuracyTable", "Choice", "choose", "current_table", "ranked", "shipped_table"],
+    },
+)

@@ -14,11 +14,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, InstanceOf, PlainSerializer, ValidationInfo
+from pydantic import BeforeValidator, PlainSerializer, ValidationInfo
 from pydantic_core import PydanticCustomError
 
 from ..lenses.lens_file import lens_of, load_lens, shipped_names, table_of
 from ..lenses.prescription import Prescription, first_order
+from ..toml_files import Instance
 
 
 def read_prescription(value: Any, folder: str | Path | None = "") -> Prescription | None:
@@ -77,9 +78,9 @@ def _written(lens: Prescription | None) -> str | dict[str, Any] | None:
 
 
 _WRITTEN = PlainSerializer(_written, return_type=Any, when_used="json")
-Lens = Annotated[InstanceOf[Prescription] | None, BeforeValidator(_validated), _WRITTEN]
+Lens = Annotated[Annotated[Prescription, Instance] | None, BeforeValidator(_validated), _WRITTEN]
 """A lens's prescription, or None for the ideal lens."""
-RealLens = Annotated[InstanceOf[Prescription], BeforeValidator(_required), _WRITTEN]
+RealLens = Annotated[Prescription, Instance, BeforeValidator(_required), _WRITTEN]
 """A lens's prescription."""
 
 

@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, InstanceOf, PlainSerializer, field_validator
+from pydantic import BeforeValidator, Field, PlainSerializer, field_validator
 
 from ..bore.part import Part
 from ..errors import InputError
 from ..lenses.glass import ROOM
 from ..lenses.solid import Solid, find_solid, opaque_solids, solid_of, solids
+from ..toml_files import Instance
 from ..units import Temperature
 
 REFERENCE = "environment.reference"
@@ -36,7 +37,7 @@ def _written(solid: Solid) -> str | dict[str, Any]:
     return {"expansion": solid.expansion, **({} if solid.name.endswith(" /K") else {"name": solid.name})}
 
 
-Housed = Annotated[InstanceOf[Solid], BeforeValidator(_solid), PlainSerializer(_written, return_type=Any)]
+Housed = Annotated[Solid, Instance, BeforeValidator(_solid), PlainSerializer(_written, return_type=Any)]
 """A material by its name, or as a table with its expansion [1/K]."""
 
 

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, InstanceOf, PlainSerializer, ValidationInfo
+from pydantic import BeforeValidator, PlainSerializer, ValidationInfo
 
+from ..toml_files import Instance
 from ..units import format_quantity
 from .glass import COEFFICIENTS, Glass, Warming, find_glass, is_shipped
 from .glass_files import glass_of_table
@@ -36,11 +37,7 @@ def material_label(glass: Glass, wavelength: float) -> str:
     return glass.name if glass.name.startswith("n =") else f"{glass.name}, n = {float(glass.index(wavelength)):.5g}"
 
 
-Material = Annotated[
-    InstanceOf[Glass],
-    BeforeValidator(_material),
-    PlainSerializer(_written, return_type=Any),
-]
+Material = Annotated[Glass, Instance, BeforeValidator(_material), PlainSerializer(_written, return_type=Any)]
 """A medium by its name, by index at 587.6 nm and Abbe number, or out of a glass catalogue's file."""
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, InstanceOf, ValidationInfo, field_validator, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from .._arrays import Array
 from ..bore.part import TEMPERATURE
@@ -18,7 +18,7 @@ from ..theory.quantities import quantity_named
 from ..theory.quantity import Quantity
 from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import field_margins
-from ..toml_files import StrictTable
+from ..toml_files import Instance, StrictTable
 from ..units import AnyLength, Length, Temperature, in_file
 from ..words import number as in_digits
 from .traces import FieldTraces
@@ -39,7 +39,7 @@ def _place(value: Any) -> Any:
 class _Asked(StrictTable):
     """A quantity, at the focal plane or ahead of the bore's tip; of single microlenses that of one."""
 
-    quantity: Annotated[InstanceOf[Quantity], BeforeValidator(_named)]
+    quantity: Annotated[Quantity, Instance, BeforeValidator(_named)]
     at: Length | None = None
     """Ahead of the bore's tip [mm]."""
     field: Annotated[tuple[AnyLength, AnyLength] | None, BeforeValidator(_place)] = None

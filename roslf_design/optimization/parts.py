@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self, get_args
 
 import numpy as np
-from pydantic import Field, InstanceOf, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from ..bore.main_lens import MainLensKind, main_lens_kind
 from ..bore.real_lens import Lens, focal_length_at
@@ -26,7 +26,7 @@ from ..lenses.manufacture import D_LINE
 from ..lenses.material import Material
 from ..lenses.prescription import LensError, Prescription
 from ..theory.colours import PIXEL_FILTERS
-from ..toml_files import StrictTable, nearest, problems_of, read_toml
+from ..toml_files import Instance, StrictTable, nearest, problems_of, read_toml
 from ..units import Angle, Length, read_quantity
 from ..words import length
 from .lens_variables import with_glasses
@@ -369,7 +369,7 @@ class _GlassChoice(Option):
     """A custom singlet or cemented doublet of other glasses; its focal length and shape factor are as before."""
 
     gives: ClassVar[Gives] = {LENS_PRESCRIPTION: attrgetter("lens")}
-    lens: InstanceOf[Prescription]
+    lens: Annotated[Prescription, Instance]
 
 
 def _optical_solids(wavelength: float) -> tuple[str, ...]:
