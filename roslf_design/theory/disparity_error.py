@@ -419,6 +419,11 @@ def _each(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     values = side * (1 + images.texture.waves.x.size)
     turns = images.wide * (side / 2 + np.abs(images.bend) * images.texture.fine)
     c = c._replace(many=c.many or count * values * max(ROWS, math.pi * float(turns.max())) > MANY)
+    if whole:  # builds that differ in what whole images do not depend on are worked out once
+        numbers = np.column_stack([*images[:-2], *images.texture[:2], *images.own_shape])
+        _, first, again = np.unique(numbers, axis=0, return_index=True, return_inverse=True)
+        if first.size < count:
+            return _each(images.at(first), c, level, whole)[again]
     block = max(1, VALUES // (side * values))
     parts = [np.arange(start, min(start + block, count)) for start in range(0, count, block)]
     return np.concatenate([_sharpened(images.at(part), c, level, whole) for part in parts])

@@ -15,6 +15,7 @@ from ..bore.part import TEMPERATURE
 from ..camera import TIP, VIEWING_CONDITIONS
 from ..design import PATHS, Design
 from ..theory.length_covariance import LengthCovariance
+from ..theory.quantities import DECODED
 from .ideal import IdealBuilds
 from .metrics import Question, builds_of, design_built, evaluate_builds, faults_of
 from .places import nominal_values, of_parts, perturbable
@@ -77,7 +78,7 @@ def measure(plan: TolerancePlan, deviations: Array, settled: float = SETTLED) ->
         moved, *adjusted = _compensator_of(plan).adjusted(values, deviations, settled)
         variants += adjusted
     elif plan.calibrated:
-        variants.append(_in_blocks(plan.question, values, trials, calibrated=True))
+        variants.append(_calibrated(plan.question, values, variants[0]))
     return MeasuredTrials(deviations, np.stack(variants), moved)
 
 
@@ -90,6 +91,16 @@ def measure_finally(plan: TolerancePlan, deviations: Array, scale: float = 1.0, 
     if plan.adjusters:
         return _compensator_of(plan).adjusted(values, deviations * scale, settled)[-1]
     return _in_blocks(plan.question, values, deviations.shape[1], calibrated=plan.calibrated)
+
+
+def _calibrated(question: Question, values: Mapping[str, Array], as_built: Array) -> Array:
+    """Columns of builds whose decoder is calibrated on each: those that a decoder has a part in, the rest as built."""
+    columns, every = as_built.copy(), question.columns
+    asked = question.limited_to(column for column in every if column.metric in DECODED)
+    if asked.columns:
+        rows = [every.index(column) for column in asked.columns]
+        columns[rows] = _in_blocks(asked, values, as_built.shape[1], calibrated=True)
+    return columns
 
 
 def measure_uniforms(plan: TolerancePlan, uniforms: Array) -> MeasuredTrials:
