@@ -33,6 +33,8 @@ _interpreted = [0.0]
 _unshelved = [0.0]
 PATIENCE = ContextVar("PATIENCE", default=COMPILE)
 """`COMPILE`, or less within `compiling`."""
+_AHEAD = ContextVar("_AHEAD", default=0.0)
+"""Seconds of interpreting that are known to come, within `ahead`."""
 
 PLAIN = (bool, int, float, str, tuple)
 """Kinds of module constants that are compiled into a kernel."""
@@ -102,7 +104,7 @@ class Kernel(Generic[P, R]):
         _interpreted[0] += seconds
         patience = PATIENCE.get()
         if patience and self.shelved:
-            patience = LOAD if "numba" in sys.modules else IMPORT
+            patience = (LOAD if "numba" in sys.modules else IMPORT) - _AHEAD.get()
         elif _interpreted[0] < patience:
             _unshelved[0] += seconds
         return _interpreted[0] >= patience
@@ -304,6 +306,16 @@ def compiling() -> Iterator[None]:
         yield
     finally:
         PATIENCE.reset(before)
+
+
+@contextlib.contextmanager
+def ahead(seconds: float) -> Iterator[None]:
+    """Within it, so much interpreting is known to come: machine code on disk is loaded at once where that pays."""
+    before = _AHEAD.set(seconds)
+    try:
+        yield
+    finally:
+        _AHEAD.reset(before)
 
 
 THREADS = threading.Lock()

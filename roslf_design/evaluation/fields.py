@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._arrays import Array, sunflower
+from .._jit import ahead
 from ..accuracy.statement import check_accuracy
 from ..camera import Camera
 from ..design import Design
@@ -38,6 +39,8 @@ BEST_ACCURACY = 3e-5
 
 MOST_FIELDS = 500
 """Fields looked at in one run."""
+TRACING = 1.5
+"""Seconds that `trace_lens` takes at least, interpreted."""
 
 
 def default_fields(design: Design) -> tuple[Place, ...]:
@@ -234,6 +237,7 @@ def _counted_shares(camera: Camera, axis: Place, points: Array) -> Shares:
     return kept, past, float(on_sensor.mean()), float(own.mean())
 
 
+@ahead(TRACING)
 def trace_lens(design: Design, axes: Sequence[Place], thin: Numbers) -> RealLens | None:
     """Trace a design's main lens.
 
