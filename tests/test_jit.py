@@ -8,7 +8,7 @@ import numpy as np
 from numba.core.caching import IndexDataCacheFile
 
 from roslf_design import cli
-from roslf_design._jit import COMPILE, THREADS, WIDE, Kernel, _alone, cold_seconds, compiling, kernel, prange
+from roslf_design._jit import COMPILE, THREADS, WIDE, Kernel, _alone, ahead, cold_seconds, compiling, kernel, prange
 
 GAIN = 2.5
 
@@ -90,6 +90,11 @@ def test_work_adds_up_until_machine_code_pays(monkeypatch):
     assert Kernel(lambda x: 8.0 * x).pays(0.0)  # what others have spent counts
     monkeypatch.setattr("roslf_design._jit._interpreted", [0.0])
     with compiling():
+        assert fresh.pays(0.0)
+    assert not fresh.pays(0.0)
+    with ahead(0.5 * COMPILE):  # not enough to compile for, but to load
+        assert not fresh.pays(0.0)
+        fresh.shelved = True
         assert fresh.pays(0.0)
     assert not fresh.pays(0.0)
 

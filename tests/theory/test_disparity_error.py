@@ -281,6 +281,14 @@ def test_builds_are_those_taken_one_by_one(layout, lens_shape):
     assert np.isfinite(many).all()
 
 
+def test_builds_all_alike_are_as_one():
+    """As of trials none of which can be put together, and which stand as nominal; series through them have no axis."""
+    one = float(QUANTITIES["sigma_z_mm"](Camera.of(PAPER)))
+    for count in (20, 300):
+        many = QUANTITIES["sigma_z_mm"](Camera.of(PAPER, {"sensor.distance": np.full(count, PAPER.d_2)}))
+        assert_allclose(many, np.full(count, one), rtol=3e-8)
+
+
 def test_builds_far_from_alike_are_those_taken_one_by_one():
     """As a workshop without tolerances makes them: series through few builds, to 1.5e-3 of the information."""
     at = np.random.default_rng(1)
