@@ -135,30 +135,32 @@ class IdealBuilds(MicrolensImages):
         Calibrated, depth follows from targets on the axis at three known distances: 1/depth and slope are related by a
         fractional linear map, which three pairs fix, whatever f, d_1, d_2 and d_3 really are.
         """
-        slope, n = self._slope(*self.targets, self.object_distance, self.azimuth), self.nominal
+        rows, n = (*self.targets, *self.azimuth), self.nominal
         depth: Number
         if not self.calibrated:  # Eq. 12, solved for the depth
+            slope = self._slope(*rows, self.object_distance)
             m, reach = n.seen.d_1 / n.seen.d_f, n.seen.d_1 * (n.seen.d_f - n.seen.d_3) / n.seen.d_f
             depth = n.plane_seen_at(1 / ((m * reach - slope * (n.d * n.seen.d_2 / n.q)) / (reach * reach)) + n.seen.d_3)
-        else:
-            zero, one = np.zeros((1, 1)), np.ones((1, 1))
-            known = [self._slope(zero, zero, z, (one, zero)) for z in self.calibration_depths]
-            depth = fractional(slope, known, self.calibration_depths)
+        else:  # all at once, the calibration's behind the fields' own
+            depths, count = self.calibration_depths, len(self.fields)
+            along_x = (np.full((len(depths), 1), value) for value in (0.0, 0.0, 1.0, 0.0))
+            rows = tuple(map(np.concatenate, zip(rows, along_x, strict=True)))
+            slopes = self._slope(*rows, np.array([*[self.object_distance] * count, *depths])[:, None])
+            depth = fractional(slopes[:count], [slopes[[k]] for k in range(count, len(slopes))], depths)
         depth = n.mapping.undrawn(
             depth, lambda: field_stretch(n, np.hypot(self.x, self.y))[0], lambda: n.entrance_pupil_distance
         )
         return depth - self.object_distance
 
-    def _slope(self, x: Array, y: Array, z: float, azimuth: tuple[Array, Array]) -> Number:
+    def _slope(self, x: Array, y: Array, cos: Array, sin: Array, z: Number) -> Array:
         """Slope between two rays of an object point through the FAP's ends, as decoded [microlenses per pixel]."""
-        cos, sin = azimuth
         ends = []
         rim = self.camera.fap.outline.rim
         for (px, py), (u, v) in self._landings(x, y, z, (rim(cos, sin), rim(-cos, -sin))):
             s, t = self.believed_centre(u, v)
             ends.append((minus(px, s), minus(py, t), u, v))
         ds, dt, du, dv = (minus(a, b) for a, b in zip(*ends, strict=True))
-        return total(0.0, du, cos, dv, sin) / total(0.0, ds, cos, dt, sin)
+        return np.asarray(total(0.0, du, cos, dv, sin) / total(0.0, ds, cos, dt, sin))
 
     @cached_property
     def blur_pitches(self) -> Number:
@@ -174,7 +176,7 @@ class IdealBuilds(MicrolensImages):
         return np.sqrt(total)
 
     def _landings(
-        self, x: Array, y: Array, z: float, ways: Sequence[tuple[Array | float, Array | float]]
+        self, x: Array, y: Array, z: Number, ways: Sequence[tuple[Array | float, Array | float]]
     ) -> Iterator[tuple[Place, Place]]:
         """Pixel [pixels] and microlens [indices] that object points reach through points of the FAP.
 
