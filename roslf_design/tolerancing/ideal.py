@@ -102,12 +102,11 @@ class IdealBuilds(MicrolensImages):
         if not self.calibrated:
             pitch = float(microlens_image_pitch(self.nominal) / self.nominal.q)
             return (0.0, 0.0), (pitch, 0.0), (0.0, pitch)
-        ends = ((self.reach, 0.0), (-self.reach, 0.0), (0.0, self.reach), (0.0, -self.reach))
-        chief = (c.chief_point(x, y) for x, y in ends)
-        (x0, y0), (x1, y1), (x2, y2), (x3, y3) = ((u / c.q, v / c.q) for u, v in chief)
+        along = self.reach * np.array([[1.0], [-1.0], [0.0], [0.0]])
+        u, v = (at / c.q for at in c.chief_point(along, along[[2, 3, 0, 1]]))
         step = c.d / (2 * self.reach)
-        middle = (x0 + x1) / 2, (y0 + y1) / 2
-        return middle, ((x0 - x1) * step, (y0 - y1) * step), ((x2 - x3) * step, (y2 - y3) * step)
+        middle = (u[0] + u[1]) / 2, (v[0] + v[1]) / 2
+        return middle, ((u[0] - u[1]) * step, (v[0] - v[1]) * step), ((u[2] - u[3]) * step, (v[2] - v[3]) * step)
 
     def believed_centre(self, u: Number, v: Number) -> Place:
         """Image centre of a microlens that the decoder believes in [px]."""
