@@ -103,7 +103,7 @@ class IdealBuilds(MicrolensImages):
             pitch = float(microlens_image_pitch(self.nominal) / self.nominal.q)
             return (0.0, 0.0), (pitch, 0.0), (0.0, pitch)
         along = self.reach * np.array([[1.0], [-1.0], [0.0], [0.0]])
-        u, v = (at / c.q for at in c.chief_point(along, along[[2, 3, 0, 1]]))
+        u, v = (np.asarray(at / c.q) for at in c.chief_point(along, along[[2, 3, 0, 1]]))
         step = c.d / (2 * self.reach)
         middle = (u[0] + u[1]) / 2, (v[0] + v[1]) / 2
         return middle, ((u[0] - u[1]) * step, (v[0] - v[1]) * step), ((u[2] - u[3]) * step, (v[2] - v[3]) * step)
@@ -134,25 +134,30 @@ class IdealBuilds(MicrolensImages):
         Calibrated, depth follows from targets on the axis at three known distances: 1/depth and slope are related by a
         fractional linear map, which three pairs fix, whatever f, d_1, d_2 and d_3 really are.
         """
-        rows, n = (*self.targets, *self.azimuth), self.nominal
+        rows: tuple[Array, ...] = (*self.targets, *self.azimuth)
+        n = self.nominal
         depth: Number
         if not self.calibrated:  # Eq. 12, solved for the depth
-            slope = self._slope(*rows, self.object_distance)
+            slope = self._slope(rows, self.object_distance)
             m, reach = n.seen.d_1 / n.seen.d_f, n.seen.d_1 * (n.seen.d_f - n.seen.d_3) / n.seen.d_f
             depth = n.plane_seen_at(1 / ((m * reach - slope * (n.d * n.seen.d_2 / n.q)) / (reach * reach)) + n.seen.d_3)
         else:  # all at once, the calibration's behind the fields' own
             depths, count = self.calibration_depths, len(self.fields)
             along_x = (np.full((len(depths), 1), value) for value in (0.0, 0.0, 1.0, 0.0))
             rows = tuple(map(np.concatenate, zip(rows, along_x, strict=True)))
-            slopes = self._slope(*rows, np.array([*[self.object_distance] * count, *depths])[:, None])
+            slopes = self._slope(rows, np.array([*[self.object_distance] * count, *depths])[:, None])
             depth = fractional(slopes[:count], [slopes[[k]] for k in range(count, len(slopes))], depths)
         depth = n.mapping.undrawn(
             depth, lambda: field_stretch(n, np.hypot(self.x, self.y))[0], lambda: n.entrance_pupil_distance
         )
         return depth - self.object_distance
 
-    def _slope(self, x: Array, y: Array, cos: Array, sin: Array, z: Number) -> Array:
-        """Slope between two rays of an object point through the FAP's ends, as decoded [microlenses per pixel]."""
+    def _slope(self, rows: tuple[Array, ...], z: Number) -> Array:
+        """Slope between two rays of an object point through the FAP's ends, as decoded [microlenses per pixel].
+
+        Rows are the point's x and y [mm], and cosine and sine of where the ends lie.
+        """
+        x, y, cos, sin = rows
         ends = []
         rim = self.camera.fap.outline.rim
         for (px, py), (u, v) in self._landings(x, y, z, (rim(cos, sin), rim(-cos, -sin))):
