@@ -255,14 +255,14 @@ def depth(region: tuple[int, int, int, int]) -> Case:
 
     def describe(answer: Arrays) -> str:
         bias, scatter, within = errors(answer)
-        told = "no errors told" if math.isnan(within) else f"{within:.0%} within the errors told"
+        told = "no errors reported" if math.isnan(within) else f"{within:.0%} within the errors reported"
         return f"bias {bias:+.1%}, scatter {scatter:.3f} pitches, {told}"
 
     def judge(ours: Arrays, theirs: Arrays) -> str:
         (_, least, _), (bias, scatter, within) = errors(ours), errors(theirs)
         wrong = away("disparities, by their slope on the true ones,", abs(bias), 0.05)
         wide = f"scatter {scatter / least:.1f} times ours" if scatter > 2 * least else ""
-        return "; ".join(filter(None, (wrong, wide, "no errors told" if math.isnan(within) else "")))
+        return "; ".join(filter(None, (wrong, wide, "no errors reported" if math.isnan(within) else "")))
 
     return Case(
         "depth-plain",
