@@ -353,7 +353,7 @@ def _change(result: Result) -> Iterator[Figure]:
         picture = meridional(design, (PAGE, HIGH), key=False)
         across, up = picture.mapping.per_px
         scales.append(f"{name} {scale_words(across / up)}")
-        mark = Text(8.0, picture.size[1] - 6.0, name, bold=True, halo=True)
+        mark = Text(PAGE - 8.0, 14.0, name, anchor="end", bold=True, halo=True)
         pictures.append(replace(picture, remarks=(*picture.remarks, mark)))
     values = answer.variables() | answer.followers()
     was, camera = _before(answer, values), Camera.of(before)
