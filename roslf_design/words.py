@@ -137,7 +137,7 @@ def sentence(text: str) -> str:
 
 def spaced(name: str) -> str:
     """A name of a file or of JSON with spaces: ``_mla_rotation``."""
-    return re.sub(r"\b(fap|mla)\b", lambda match: match[0].upper(), name.replace("_", " "))
+    return re.sub(r"\b(fap|mla)\b", lambda match: match[0].upper(), name.replace("_", " ").replace("cos4", "cos⁴"))
 
 
 def the(part: str) -> str:

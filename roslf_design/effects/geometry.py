@@ -14,10 +14,11 @@ from ..design.parts import PATHS
 from ..errors import InputError, Problem
 from ..lenses.angles import F_TAN
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
+from ..theory.f_number import TOUCHING_PX
 from ..theory.light import chief_slope, outer_slope
 from ..theory.stop_images import settled, stop_openings
 from ..theory.vignetting import room_at
-from ..words import angle, percent
+from ..words import angle, number, percent
 from . import lens
 from .effect import Effect, Estimate, Subject
 
@@ -63,9 +64,11 @@ def _vignetting(s: Subject) -> Estimate:
 def overlap(s: Subject) -> Estimate:
     """Width of the overlap of neighbouring images, diameter less pitch [px]; zero where they leave gaps (Eq. 7)."""
     width = (s.diameter - abs(s.pitch)) / s.design.q
-    if width <= 0:
-        return Estimate(0.0, f"images end {-width:.3g} px short of each other")
-    return Estimate(width, f"images overlap by {width:.3g} px")
+    size = number(abs(width), 3, zero=TOUCHING_PX)
+    if size == "0":
+        return Estimate(0.0, "images just touch")
+    apart = f"images overlap by {size} px" if width > 0 else f"images end {size} px short of each other"
+    return Estimate(max(width, 0.0), apart)
 
 
 def _blur_on_mla(c: Camera, distance: float, place: float = 0.0) -> float:

@@ -13,7 +13,7 @@ from ..theory import light
 from ..theory.f_number import fill_factor
 from ..theory.photometry import veil_level
 from ..theory.transfer import pixel_box
-from ..words import percent
+from ..words import number, percent
 from .effect import Effect, Estimate, SceneBrief, Subject
 
 LONGEST_GRATING = 4.0
@@ -32,8 +32,8 @@ def microlens_diffraction(s: Subject) -> Estimate:
     """
     width, pitch = float(light.diffraction_width(s.camera)), abs(s.pitch)
     tails = 2 / math.pi**2 * (math.log(2 * math.pi * max(pitch / width, 1.0)) + 0.5772)
-    number = float(light.fresnel_number(s.camera))
-    note = f"blur width lambda d_2/d = {width / s.design.q:.3g} px, N_F = {number:.3g}"
+    fresnel = float(light.fresnel_number(s.camera))
+    note = f"blur width lambda d_2/d = {width / s.design.q:.3g} px, N_F = {fresnel:.3g}"
     return Estimate(width * max(1.0, tails) / s.design.q, note)
 
 
@@ -86,7 +86,7 @@ def _microlens_defocus(s: Subject) -> Estimate:
     white = s.brief.smallest_period == math.inf
     hidden = float(light.diffraction_width(s.camera)) if s.brief.diffracts and white else 0.0
     left = blur * blur / (blur + 10 * hidden) if blur > 0 else 0.0
-    note = f"ray blur {blur / s.design.q:.3g} px, {waves:.2g} waves at the microlens edge"
+    note = f"ray blur {number(blur / s.design.q, 3)} px, {number(waves, 2)} waves at the microlens edge"
     return Estimate(left / s.design.q, f"{note}, mostly hidden by diffraction" if 10 * hidden > blur else note)
 
 

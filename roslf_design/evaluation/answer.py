@@ -73,6 +73,8 @@ MEANT = (
     "finest that the refocused image shows as what it is, with half its contrast or more."
 )
 """Caption of it."""
+SMALLER = 1.05
+"""Share of the middle's light in the corner from which it is said where more comes from."""
 
 
 @dataclass(frozen=True)
@@ -190,7 +192,8 @@ class FirstAnswer:
             within = WorkingRange(*self.sharp_views_mm, math.nan if self.useful_to_mm is None else self.useful_to_mm)
             rows.append(("working range", within.value, within.remark))
         light = f"{number(100 * self.corner_light, 3)} %"
-        rows.append(("light in the corner", light, "of that in the middle of the field"))
+        more = "; the lens draws the scene smaller there" if self.corner_light > SMALLER else ""
+        rows.append(("light in the corner", light, f"of that in the middle of the field{more}"))
         outer = f"{number(self.outer_diameter_mm, 4)} mm"
         rows.append(("outer diameter", outer, f"narrowest tube about the optics, {self.outer_diameter_counts}"))
         return tuple(rows)
@@ -201,6 +204,7 @@ class FirstAnswer:
         area = self.corner_light / self.corner_slant if self.corner_slant > 0 else 1.0
         shares = {"light's slant leaves": self.corner_slant, "the size of what is lit of its images leaves": area}
         if area > 1:
-            shares = {"light's slant leaves": self.corner_slant, "its larger images give": area}
+            gives = "the lens, which draws the scene smaller there, gives"
+            shares = {"light's slant leaves": self.corner_slant, gives: area}
         words = [f"{what} {number(100 * share, 3)} %" for what, share in shares.items() if abs(share - 1) > 0.01]
         return listed(words) if words else "nothing takes any"

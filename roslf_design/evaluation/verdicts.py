@@ -16,7 +16,7 @@ from ..lenses.glass import ROOM
 from ..shapes.lattice import PACKINGS
 from ..theory import tube
 from ..theory.colours import PIXEL_FILTERS
-from ..theory.f_number import fill_factor, main_lens_f_number, matched, pupil_f_number
+from ..theory.f_number import TOUCHING_PX, fill_factor, main_lens_f_number, matched, pupil_f_number
 from ..theory.focused import LEAST_VIEWS, FocusedArray, filtered_views, is_focused, pupil_remedy
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import outer_slope, sensor_field
@@ -30,8 +30,6 @@ from .groups import Field, Numbers, RealLens, Verdict
 
 SLACK_PX = 0.5
 """Overlap or gap of neighbouring microlens images that still counts as matched [px]."""
-TOUCHING_PX = 1e-6
-"""Overlap or gap that is told as touching: rounding, not optics [px]."""
 OVERLAP_SLACK, GAP_SLACK = 0.01, 0.05
 """Slacks as shares of the pitch, where that allows more: overlap mixes views, a gap only wastes pixels."""
 EVEN, DIM = 0.5, 0.2
@@ -347,8 +345,8 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
     if environment is not None and {environment.temperature, *(environment.range or ())} != {ROOM}:
         if silent := not_named(design):
             yield (
-                f"nothing says how {listed([*silent])} would grow with temperature, so they stay as the file has them: "
-                "name their materials (housing in [environment], material of parts)"
+                f"nothing says how {listed([*silent])} would grow with temperature, so lengths stay as "
+                "the file has them: name their materials (housing in [environment], material of parts)"
             )
         if unknown := not_known(design):
             yield f"how the index of {listed([*unknown])} changes with temperature is not known; it stays"

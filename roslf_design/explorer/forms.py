@@ -135,7 +135,7 @@ Request = TypeVar("Request", ToleranceRequest, OptimiseRequest, MeasureRequest)
 
 
 USUAL_LIMITS = (
-    f"fill factor within {100 * FILL:g} % of nominal, depth noise (bound) {100 * DEPTH:g} % more at most, no field "
+    f"image fill within {100 * FILL:g} % of nominal, depth noise (bound) {100 * DEPTH:g} % more at most, no field "
     f"losing more than {100 * KEPT:g} % of its light, image centres found to {CENTRE:g} px"
 )
 """The first look's limits in words."""

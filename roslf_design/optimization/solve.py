@@ -335,7 +335,8 @@ def _notes(searches: Sequence[Search], wanted: int, budget: SearchBudget, settin
         notes.append("a start lay outside the bounds and was moved onto them")
     mapped = sum(s.mapped for s in searches)
     if mapped:
-        notes.append(f"{mapped} evaluation{'s' * (mapped > 1)} met numbers that are undefined and counted as very bad")
+        designs = f"{mapped} designs that were tried have" if mapped > 1 else "A design that was tried has"
+        notes.append(f"{designs} undefined numbers, and counted as worse than any other")
     return notes
 
 

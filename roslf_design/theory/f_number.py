@@ -18,6 +18,9 @@ from ..camera import Camera
 from ..design import PATHS
 from .exit_pupil import microlens_image_pitch
 
+TOUCHING_PX = 1e-6
+"""Overlap or gap that is told as touching: rounding, not optics [px]."""
+
 
 def microlens_f_number(c: Camera) -> Array:
     """Working f-number ``d_2/d`` of a microlens, the left side of Eqs. 8 and 9."""

@@ -13,6 +13,7 @@ from roslf_design.effects import EFFECTS, Budget, PlanError, SceneBrief, plan
 from roslf_design.effects.effect import Subject
 from roslf_design.effects.lens import RADII, lens_aberrations
 from roslf_design.effects.waves import footprint
+from roslf_design.theory.f_number import matched
 from roslf_design.theory.light import fresnel_number, microlens_defocus_waves
 from roslf_design.theory.vignetting import room_at
 from roslf_design.traced.images import real_field
@@ -68,6 +69,18 @@ def test_overlap_is_needed_where_blur_reaches_neighbours():
     assert not plan(PAPER, overrides=["-microlens_diffraction", "-overlap"]).on("overlap")
     sharp = PAPER.replace(wavelength=1e-9)
     assert not plan(sharp).on("overlap")
+
+
+def test_rounding_is_no_gap_and_no_blur():
+    """Lengths that Eq. 7 and the microlenses' image equation were solved for; half a pixel more is told."""
+    camera = Camera.of(PAPER)
+    exact = PAPER.replace(D_F=float(matched(camera, "D_F").value))
+    for width in (-3e-14, -0.0, 2e-15):
+        reason = plan(exact.replace(D_F=exact.D_F + width))["overlap"].reason
+        assert reason.startswith("images just touch")
+    assert "short of each other" in plan(exact.replace(D_F=0.96 * exact.D_F))["overlap"].reason
+    focused = PAPER.replace(f_ml=1 / (1 / camera.d_2 + camera.seen.vergence) * (1 + 4e-16))
+    assert plan(focused)["microlens_defocus"].reason.startswith("ray blur 0 px, 0 waves")
 
 
 def test_overrides_apply_in_order():

@@ -61,6 +61,21 @@ def test_a_darker_corner_is_told_with_its_stops():
     assert "exit pupil" in verdict.remedy
 
 
+def test_a_corner_lighter_than_the_middle_is_told_with_where_its_light_comes_from():
+    """Etendue: light is cos^4 times the scene's area over the array's, a microlens's share of what is drawn smaller."""
+    bench = roslf.load("paper-singlet")
+    result, (middle, edge, corner) = roslf.evaluate(bench), roslf.specification(bench).field
+    area = middle.local_magnification / edge.local_magnification / (1 + edge.distortion_percent / 100)
+    slant = math.cos(math.radians(edge.angle_deg)) ** 4
+    assert edge.relative_illumination == pytest.approx(area * slant, rel=0.03)  # of the chief ray alone
+    assert corner.relative_illumination == result.answer.corner_light > 2
+    (verdict,) = [verdict for verdict in result.verdicts if verdict.name == "corner_lit"]
+    assert "stops more" in verdict.text
+    assert "draws the scene smaller there" in verdict.text
+    (words,) = (words for name, _, words in result.answer.rows if name == "light in the corner")
+    assert "draws the scene smaller there" in words
+
+
 @pytest.mark.parametrize("at", [0.0, -3.0, math.nan, math.inf])
 def test_distances_behind_the_tip_are_refused(at):
     for function in (roslf.evaluate, roslf.specification):

@@ -110,6 +110,16 @@ def test_a_figure_stands_where_it_is_told_of_where_it_fits(tmp_path):
     assert second.count("row") == 8
 
 
+def test_no_figure_stands_in_the_section_behind_its_own(tmp_path):
+    """At a page's foot it stood under the head of the section that begins above it."""
+    tall = SVG.replace('viewBox="0 0 9 9" width="9pt" height="9pt"', 'viewBox="0 0 768 400" width="768" height="400"')
+    figures = tuple(Figure(f"f{n}", f"drawn{n}", "what it shows", tall) for n in range(2))
+    for lines in range(20, 36, 3):
+        (own,) = lines_and(lines, *figures, Bullets(("note",))).sections
+        text = "".join(pages(Report("t", "", (own, Section("Other", (Paragraph("behind"),)))), tmp_path))
+        assert text.index("drawn0") < text.index("drawn1") < text.index("Other"), lines
+
+
 def test_a_table_over_pages_leaves_no_row_alone(tmp_path):
     rows = tuple((f"row{n}", "1") for n in range(12))
     on_first = [pages(lines_and(lines, Table(rows, "ll")), tmp_path)[0].count("row") for lines in range(39, 52)]

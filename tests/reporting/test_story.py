@@ -114,6 +114,8 @@ def test_a_design_that_is_not_the_optimum_is_told_with_its_own_numbers(tmp_path,
     assert f"{own:.5g} mm; believe these of it." in second
     assert first != second
     assert optimization_finding(result).statement.text == first
+    lead = optimization_finding(result, "robust", "the robust design").section.blocks[0].text
+    assert lead == "This section is about the study's optimum, all else in this report about the robust design."
 
 
 def test_each_part_hands_its_design_on(told):

@@ -24,7 +24,7 @@ from roslf_design.reporting.tolerance.pages import (
     tolerance_pictures,
     tolerance_report,
 )
-from roslf_design.tolerancing.result import analyse, save_worst
+from roslf_design.tolerancing.result import WorstTrial, analyse, save_worst
 from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.study import make_plan, read_study, tolerance_plan
 
@@ -246,6 +246,21 @@ def test_of_many_tolerances_a_page_shows_those_that_matter_and_the_file_has_all(
     assert len({tuple(row[:1]) for row in rows}) == count
     shares = [float(row[[*table.headings].index("r² [%]")]) for row in rows]
     assert min(shares[:15]) >= max(shares[15:])
+
+
+def test_where_no_build_fails_none_is_said_to():
+    data = {"name": "safe", "design": "paper", "grade": "high", "trials": 64, "sobol_samples": 0}
+    study, design, grades = read_study(data | {"goals": [{"metric": "fill_factor", "min": 0.5, "max": 1.5}]})
+    plan = make_plan(study, design, grades)
+    result = analyse(plan, study, grades, tally_chunk(plan, 0), budgets=False)
+    texts = [statement.text for statement in _statements(result, first_look=False)]
+    assert any(text.startswith("Every build holds every limit; least margin is left to image fill") for text in texts)
+    assert not any("weakest limit" in text for text in texts)
+    labels = [limit.label for limit in result.final.limits]
+    for value, why in ((1.4, "holds every limit"), (1.6, f"{labels[0]} 1.6")):
+        worst = WorstTrial(3, 0.9, "", {"sensor.distance": 1.0}, dict.fromkeys(labels, 1.0) | {labels[0]: value})
+        (table,) = (one for one in tables(replace(result, worst=(worst,))) if one.title == "Worst trials")
+        assert table.rows[0][2] == why
 
 
 def test_tolerances_over_a_tenth_of_their_lengths_are_told():

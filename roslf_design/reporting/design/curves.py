@@ -80,6 +80,12 @@ class KnownLengths:
         return depth_budget(camera, at, build=self.build, calibration=self.calibration)
 
 
+def counted_lengths(budget: DepthBudget) -> str:
+    """Lengths that depth, expected, counts, in words."""
+    lengths = [term.name for term in budget.terms if term.name in (BUILT, CALIBRATED) and term.u_mm is not None]
+    return f"with {listed(lengths)}" if lengths else "lengths as drawn"
+
+
 DRAWN = KnownLengths()
 """Lengths as drawn: nothing is known of how a workshop makes them."""
 
@@ -129,10 +135,9 @@ def _depth_curve(design: Design, points: int = 241, known: KnownLengths = DRAWN)
     blur = np.abs(rim_disparity(camera, depth_at(camera, ahead)))
     along, here = known.budget(camera, ahead), known.budget(camera, None)
     u, bound = (np.broadcast_to(np.asarray(u, float), ahead.shape) for u in (along.u_z_mm, along.terms[0].u_mm))
-    lengths = [term.name for term in here.terms if term.name in (BUILT, CALIBRATED) and term.u_mm is not None]
     return _DepthCurve(
         ahead, u, bound, blur, focus, float(here.u_z_mm), float(np.asarray(here.terms[0].u_mm, float)),
-        f"with {listed(lengths)}" if lengths else "lengths as drawn",
+        counted_lengths(here),
     )  # fmt: skip
 
 

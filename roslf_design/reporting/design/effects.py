@@ -41,7 +41,7 @@ def effects_budget(effects: Sequence[PlannedEffect], size: Point = (560, 360)) -
     }
     shown = sorted(sized, key=lambda effect: -sized[effect])
     shares = [sized[effect] for effect in shown]
-    named = {effect: spaced(effect.name).replace("cos4", "cos⁴") for effect in effects}
+    named = {effect: spaced(effect.name) for effect in effects}
     names = [named[effect] for effect in shown]
     notes = [
         f"{short(abs(effect.estimate), 3)} {UNITS.get(effect.unit, effect.unit)}{'' if effect.on else ', left out'}"

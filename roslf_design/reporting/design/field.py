@@ -150,7 +150,7 @@ def field_maps(design: Design, fields: _ArrayMap) -> Picture:
          "offset from the microlens axis [px]", arrows)
     ]  # fmt: skip
     if lowest < 1:
-        words = f"unvignetted fraction: down to {lowest:.3g}"
+        words = f"images on the sensor: {_shares(design, fields)}"
         shown.insert(0, ("kept", words, fields.kept, 1.0, "kept", "unvignetted fraction [1]", []))
     size, pictures = (PAGE / 2 if lowest < 1 else 0.8 * PAGE, 300.0), []
     for name, title, values, high, ramp, label, marks in shown:

@@ -17,12 +17,12 @@ from ...imaging.transfer import encircled
 from ...words import number, spaced, the
 from ..blocks import Figure
 from ..lens_words import lens_words
-from .curves import DRAWN, KnownLengths, depth_precision, matching_plane
+from .curves import DRAWN, KnownLengths, counted_lengths, depth_precision, matching_plane
 from .effects import effects_budget
 from .field import field_map, field_maps, lens_images, lens_over_field
 from .instrument import instrument_scene
 from .microlens import microlens_image, microlens_images, rays_and_waves
-from .rays import cells, dimensions, is_centred, meridional, ray_diagrams, scale_words
+from .rays import cells, dimensions, is_centred, meridional, ray_diagrams, ray_words, scale_words
 
 if TYPE_CHECKING:
     from ...design import Design
@@ -39,7 +39,7 @@ def glance(design: Design, views: bool, known: KnownLengths = DRAWN) -> Figure:
     system = meridional(design, (PAGE, 210.0), key=False)
     parts = [microlens_image(design, (0.0, 0.0), (270.0, low), name="glance-image", key=False)]
     across, up = system.mapping.per_px
-    above = f"Above: the camera and its rays, {scale_words(across / up)}."
+    above = f"Above: the camera and {ray_words(design)}, {scale_words(across / up)}."
     words = f"{above} Below: the image that the middle microlens paints"
     if views:
         parts.append(depth_precision(design, (PAGE - 270.0, low), known))
@@ -195,10 +195,11 @@ def _plane_sheet(design: Design, result: Evaluation) -> Figure:
 
 def depth_figure(design: Design, known: KnownLengths = DRAWN, more: str = "", tall: float = 220.0) -> Figure:
     """Depth, expected, and its bound over distance, in a picture so tall [px]; `more` is said of them."""
-    expected = float(known.budget(Camera.of(design), None).u_z_mm)
+    budget = known.budget(Camera.of(design), None)
     caption = (
-        f"Depth, expected, 1 σ: {number(expected, 3)} mm at the focal plane, which a measurement is to be believed to, "
-        f"and below it the bound, over the working range and all distances that the design requires something at.{more}"
+        f"Depth, expected, 1 σ, {counted_lengths(budget)}: {number(float(budget.u_z_mm), 3)} mm at the focal plane, "
+        "which a measurement is to be believed to, and below it the bound, over the working range and all distances "
+        f"that the design requires something at.{more}"
     )
     return Figure.of("depth", "Depth, expected, over distance", caption, depth_precision(design, (PAGE, tall), known))
 
@@ -206,11 +207,12 @@ def depth_figure(design: Design, known: KnownLengths = DRAWN, more: str = "", ta
 def depth_sheet(design: Design, result: Evaluation, known: KnownLengths = DRAWN) -> Figure:
     """Depth, expected, and its bound over distance, with what they hang on."""
     depth, basis = result.depth, depth_basis(result.depth.assumes)
-    behind = design.d_f - design.d_3 - result.answer.working_distance_mm
+    behind = number(design.d_f - design.d_3 - result.answer.working_distance_mm, 4, zero=1e-9)
+    where = "at the tip" if behind == "0" else f"{behind} mm behind the tip"
     more = (
         f" The bound is {number(depth.sigma_z_mm, 3)} mm at the focal plane, where the disparity between the FAP's "
         f"rims is known to {number(depth.sigma_disparity_pitches, 3)} microlens pitches ({basis}). Both grow with the "
-        f"square of the distance from the FAP ({behind:.4g} mm behind the tip), and further as views blur. The dashed "
+        f"square of the distance from the FAP ({where}), and further as views blur. The dashed "
         "curve shows how many microlenses an object point spreads over: far from the focal plane views must be "
         "refocused before they are compared."
     )

@@ -22,7 +22,7 @@ from ...evaluation import default_fields
 from ...lenses.glass import AIR
 from ...lenses.material import material_label
 from ...rays import PASSED, fans, glass_shares, trace_pupil
-from ...words import length
+from ...words import length, listed
 
 if TYPE_CHECKING:
     from ...design import Design
@@ -74,6 +74,12 @@ def _labelled_fans(design: Design) -> list[_LabelledFan]:
     drawn = fans(Camera.of(design), list(places.values()), rays=RAYS, fill=FILL)
     kept = np.isin(drawn.status, PASSED)
     return [_LabelledFan(label, kept[i], drawn.z[i], drawn.x[i]) for i, label in enumerate(places)]
+
+
+def ray_words(design: Design) -> str:
+    """Fields whose rays a section shows, with their colours, for a drawing without a key."""
+    labels = ("centre", "edge", "corner") if is_centred(design) else ("centre", "edge +x", "edge -x")
+    return "rays of " + listed([f"{label} ({colour})" for label, colour in zip(labels, FIELDS, strict=True)])
 
 
 def _medium_label(design: Design) -> str:

@@ -30,7 +30,7 @@ from ...tolerancing.result import KNOWN_LENGTHS, depth_left_out
 from ...tolerancing.yields import Yield
 from ...words import listed, number, sentence
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
-from ..design.rays import meridional, scale_words
+from ..design.rays import meridional, ray_words, scale_words
 from .pictures import SAME, bore_and_stop, ends_of, goal_front, robust_yields, search_history
 
 TITLES = {
@@ -83,10 +83,12 @@ def optimization_finding(result: Result, take: str = "best", words: str = "") ->
     """A study in a design's report, with how its searches went; `take` is the report's design, `words` what it is."""
     answer, (first, *_) = result.answer, statements(result)
     said = replace(first, text=f"Optimisation: {first.text[:1].lower()}{first.text[1:]}")
+    blocks, ends = _optimization_section(result).blocks, ends_of(answer)
     if take != "best":
         own = in_words(_reached(result, take))
         said = replace(said, text=f"{said.text} This report is of another design, {words}: {own}; believe these of it.")
-    blocks, ends = _optimization_section(result).blocks, ends_of(answer)
+        other = f"This section is about the study's optimum, all else in this report about {words}."
+        blocks = (Paragraph(other), *blocks)
     if answer.feasible and any(end.kind != "bad" and end.loss > SAME for end in ends):  # else on the floor
         blocks = (*blocks, Figure.of("history", "What every start came to", HISTORY, search_history(ends, (576, 290))))
     seed = f"Seed of the optimisation's starts: {result.study.settings.seed}."
@@ -191,7 +193,8 @@ def _about_making(result: Result) -> Iterator[Statement]:
     doubts: dict[str, Statement] = {}
     for name, design in result.designs():
         for doubt in buildable(design, Camera.of(design)):
-            text = f"Of {name.removesuffix('.toml')}: {doubt.text}."
+            of = "the optimum" if name == "best.toml" else name.removesuffix(".toml")
+            text = f"Of {of}: {doubt.text}."
             doubts.setdefault(doubt.name, Statement("caution", text, sentence(doubt.remedy)))
     yield from doubts.values()
 
@@ -237,7 +240,7 @@ def _optimum(answer: Answer, reached: str) -> Statement:
     """The best design, and whether it is best by itself or where a bound stops the goal."""
     pressed = [active for active in answer.active if active.multiplier > PRESSED]
     met, ends = ([a.limit for a in pressed if a.bound], [a.limit for a in pressed if a.always])
-    stops = [f"the bound{'s' if len(met) > 1 else ''} {' and '.join(met)}"] if met else []
+    stops = [f"the bound{'s' if len(met) > 1 else ''} {listed(met)}"] if met else []
     stops += [f"what every camera must be ({', '.join(ends)})"] if ends else []
     bounds = " and ".join(stops)
     if answer.runs_off:
@@ -350,7 +353,8 @@ def _change(result: Result) -> Iterator[Figure]:
         picture = meridional(design, (PAGE, HIGH), key=False)
         across, up = picture.mapping.per_px
         scales.append(f"{name} {scale_words(across / up)}")
-        pictures.append(replace(picture, remarks=(*picture.remarks, Text(8.0, 14.0, name, bold=True, halo=True))))
+        mark = Text(PAGE - 8.0, 14.0, name, anchor="end", bold=True, halo=True)
+        pictures.append(replace(picture, remarks=(*picture.remarks, mark)))
     values = answer.variables() | answer.followers()
     was, camera = _before(answer, values), Camera.of(before)
     moved = []
@@ -359,7 +363,7 @@ def _change(result: Result) -> Iterator[Figure]:
             reached = goal.with_unit(answer.number(goal), 4)
             moved.append(f"{in_words(goal.label)} {goal.with_unit(old, 4)} → {reached}")
     moved += [f"{name} {number(was[name], 4)} → {number(values[name], 4)} mm" for name in values if name in was]
-    caption = f"The camera and its rays, {', '.join(scales)}. What changed: {'; '.join(moved)}."
+    caption = f"The camera and {ray_words(after)}, {', '.join(scales)}. What changed: {'; '.join(moved)}."
     title = f"{before.name} and {after.name}"
     yield Figure.of("optimize-change", "Before and after", caption, beside("change", title, pictures, down=True))
 
@@ -398,7 +402,7 @@ def _tables(result: Result) -> Iterator[Table]:
             (f"relaxing it buys, of {of}", "l", lambda active: _bought(active, answer.problem.goals)),
         )
         caption = (
-            "Multiplier: what the merit, the weighted mean of the goals' logarithms, gives for the limit, both scaled. "
+            "Multiplier: what the goals together, the weighted mean of their logarithms, gain, both scaled. "
             "Relaxing, for small steps: a limit that gives way by one unit makes "
         )
         caption += "the goal so much better." if single else "the goals together so many percent better."

@@ -126,7 +126,7 @@ def depth_sentence(budget: DepthBudget | None, design: Design) -> str:
     if budget is None:
         return "Microlenses are focused on the scene, not on the pupil: depth from views does not apply."
     ahead = number(_focus(design))
-    return f"Depth, expected, of a camera taken as designed: {budget.words}, in the focal plane, {ahead} mm ahead."
+    return f"Depth, expected, of a build that nobody calibrates: {budget.words}, in the focal plane, {ahead} mm ahead."
 
 
 def _focus(design: Design) -> float:
@@ -228,17 +228,15 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
     yield Statement("plain", depth_sentence(result.depth, result.plan.question.design))
     weakest = result.final.weakest
     share = 100 * weakest.result.value
-    yield Statement(
-        "plain" if share >= 100 * result.study.yield_target else "caution",
-        f"The weakest limit is that on {in_words(weakest.label)}: {share:.2f} % {_of_those(result)}hold it.",
-    )
+    least = f"The weakest limit is that on {in_words(weakest.label)}: {share:.2f} % {_of_those(result)}hold it."
+    if share == 100:
+        least = f"Every build {_of_those(result)}holds every limit; least margin is left to {in_words(weakest.label)}."
+    yield Statement("plain" if share >= 100 * result.study.yield_target else "caution", least)
     ranked = ranking(result)
     if ranked and ranked[0][1] > 0.05:
         place, part = ranked[0]
-        yield Statement(
-            "plain",
-            f"{short_name(place, result.plan.question.design)} correlates most: {100 * part:.0f} % of its variance.",
-        )
+        name = short_name(place, result.plan.question.design)
+        yield Statement("plain", words.sentence(f"{name} correlates most: {100 * part:.0f} % of its variance"))
 
 
 def _of_those(result: StudyResult) -> str:
@@ -449,8 +447,9 @@ def _worst(result: StudyResult) -> Table:
         if trial.faults:
             return f"no design: {'; '.join(trial.faults)}"
         values = {limit.label: trial.values[limit.label] for limit in limits}
-        missed = {l.label: values[l.label] for l in limits if not l.low <= values[l.label] <= l.high} or values
-        return ", ".join(f"{label} {number(value)}" for label, value in [*missed.items()][:MOST_FAULTS])
+        missed = {l.label: values[l.label] for l in limits if not l.low <= values[l.label] <= l.high}
+        listed = ", ".join(f"{label} {number(value)}" for label, value in [*missed.items()][:MOST_FAULTS])
+        return listed or "holds every limit"
 
     columns: tuple[Column, ...] = (
         ("trial", "r", lambda trial: str(trial.number)),
