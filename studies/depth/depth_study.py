@@ -145,8 +145,10 @@ def along(results: dict[str, Measured]) -> Picture:
     """Draw bias, spread and prediction along x, a panel for each camera."""
     keys = [
         dot_key("bias: mean error", "blue", size=3), box_key("bias ± spread", "sky", 0.45),
-        line_key("± predicted standard error", "vermillion", 1.8, "7 4"), box_key("unknown", "grey", 0.25),
+        line_key("± predicted standard error", "vermillion", 1.8, "7 4"),
     ]  # fmt: skip
+    if any(not np.isfinite(one.bias).all() for one in results.values()):
+        keys.append(box_key("unknown", "grey", 0.25))
     parts = []
     for name, one in results.items():
         low, high = one.bias - one.spread, one.bias + one.spread
