@@ -376,7 +376,8 @@ def _asked(required: Sequence[Requirement]) -> dict[str, str]:
     missed = [label for label, one in zip(labels, required, strict=True) if not one.met]
     drawn = sum(one.outcome == "met as drawn" for one in required)
     margin = f"{len(required) - len(missed)} of {len(required)} met" + f", {drawn} as drawn" * bool(drawn)
-    margin += f"; missed: {missed[0]}" * bool(missed) + f" and {len(missed) - 1} more" * (len(missed) > 1)
+    if missed:
+        margin += f"; missed: {missed[0]}" + f" and {len(missed) - 1} more" * (len(missed) > 1)
     return _light([one.verdict for one in required], title="required", margin=margin, name="required")
 
 

@@ -451,6 +451,9 @@ def test_what_is_required_is_one_light():
     assert (asked["title"], asked["level"]) == ("required", "fault")
     assert asked["margin"] == "2 of 3 met, 1 as drawn; missed: depth, expected at 40 mm"
     assert asked["plain"].splitlines() == [verdict.text for verdict in evaluation.verdicts[:3]]
+    met = {"field_of_view_deg": {"min": 1.0}, "outer_diameter_mm": {"max": 4.0}}
+    whole = lights(evaluate(load("rigid-scope").replace({"required": met})))[0]
+    assert (whole["margin"], whole["level"]) == ("2 of 2 met", "good")
     one = load("rigid-scope").replace({"required": {"outer_diameter_mm": {"max": 4.0}}})
     alone = lights(evaluate(one))[0]
     assert (alone["title"], alone["margin"], alone["level"]) == ("outer diameter", "3 of at most 4 mm", "good")
