@@ -421,6 +421,9 @@ def _shown(
         fill_holes.compiled(filled, (filled != 0).astype(np.float32))
     # Splines of single samples would turn the finest detail by 0.8 of what they should.
     waves = fft.dctn(np.pad(filled[0].astype(float), BEYOND, mode="reflect", reflect_type="odd"), norm="ortho")
+    if field.hexagonal is not None:
+        # What rows lost as they were made square would be left of neighbours' light, and of all waves differently.
+        waves /= squared_waves(np.arange(waves.shape[1]) / (2 * waves.shape[1] * steps[0]))
     fine = 2 * fft.idctn(np.pad(waves, [(0, n) for n in waves.shape]), norm="ortho")
     spline, b = ndimage.spline_filter(fine, 5, mode="reflect"), disparity[near]
     out = np.empty((int(usable.sum()), rows, count), np.float32)
@@ -484,6 +487,11 @@ def reading(field: LightField) -> Read:
     ranks = (np.arange(MANY_BETWEEN) + 0.5) / MANY_BETWEEN
     along, across = (partial(read_between, between=np.quantile(axis, ranks)) for axis in field.between)
     return (along,), (across,)
+
+
+def squared_waves(frequency: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Share of waves along rows [periods a pitch] that is left, on average, of a hexagonal array made square."""
+    return np.asarray(read_between(frequency, (np.arange(MANY_BETWEEN) + 0.5) / MANY_BETWEEN).real)
 
 
 def light_shares(light: NDArray[np.float64]) -> NDArray[np.float64]:
