@@ -422,8 +422,7 @@ def _shown(
     # Splines of single samples would turn the finest detail by 0.8 of what they should.
     waves = fft.dctn(np.pad(filled[0].astype(float), BEYOND, mode="reflect", reflect_type="odd"), norm="ortho")
     if field.hexagonal is not None:
-        # What rows lost as they were made square would be left of neighbours' light, and of all waves differently.
-        waves /= squared_waves(np.arange(waves.shape[1]) / (2 * waves.shape[1] * steps[0]))
+        waves /= _left_by_rows(np.arange(waves.shape[1]) / (2 * waves.shape[1] * steps[0]), steps[0])
     fine = 2 * fft.idctn(np.pad(waves, [(0, n) for n in waves.shape]), norm="ortho")
     spline, b = ndimage.spline_filter(fine, 5, mode="reflect"), disparity[near]
     out = np.empty((int(usable.sum()), rows, count), np.float32)
@@ -489,9 +488,15 @@ def reading(field: LightField) -> Read:
     return (along,), (across,)
 
 
-def squared_waves(frequency: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Share of waves along rows [periods a pitch] that is left, on average, of a hexagonal array made square."""
-    return np.asarray(read_between(frequency, (np.arange(MANY_BETWEEN) + 0.5) / MANY_BETWEEN).real)
+def _left_by_rows(frequency: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+    """Share of waves along rows [periods a pitch], at the microlenses, that is left once hexagonal rows are made square.
+
+    On average, by samples so many pitches apart. Of the finest they hold the mirror image beyond half a period a pitch
+    as well, which is the same wave at the microlenses: all of it is left. What is not would be left of neighbours'
+    light, and of each wave another share.
+    """
+    passed = read_between(frequency, (np.arange(MANY_BETWEEN) + 0.5) / MANY_BETWEEN).real
+    return np.asarray(np.where(frequency < 1 - 1 / (2 * step), passed, 1.0))
 
 
 def light_shares(light: NDArray[np.float64]) -> NDArray[np.float64]:
