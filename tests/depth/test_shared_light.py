@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+import roslf_design as roslf
 from roslf_design.calibration.decoding import LightField, _HexagonalRows, squared
+from roslf_design.camera import Camera
 from roslf_design.depth.measure import SETTLING, _shared_noise
-from roslf_design.depth.unmixing import PreparedViews, _shown
+from roslf_design.depth.unmixing import PreparedViews, ViewLight, _shown
+from roslf_design.theory.disparity_error import image_parts, waves_shown
+from roslf_design.theory.exit_pupil import microlens_image_pitch
+from roslf_design.theory.stop_images import MicrolensImages
+from tests.depth.made import Texture
 
 WINDOW = 5
 
@@ -66,3 +72,30 @@ def test_neighbours_in_hexagonal_rows_show_waves_as_strong_as_they_are(periods):
     wave = np.stack([np.cos(turn * at), np.sin(turn * at), np.ones(at.size)], -1)
     strength = math.hypot(*np.linalg.lstsq(wave, shown[8:-8, 25:-25].ravel(), rcond=None)[0][:2])
     assert strength == pytest.approx(0.3, rel=0.02)
+
+
+def test_light_from_beyond_the_picture_is_not_made_up():
+    """A wall in focus, of which the views of every microlens show the same, up to the field's rims.
+
+    What lies beyond was taken to look like the microlens itself: samples of the outermost were off by three times the
+    texture's rms. A fiftieth of a sample's light from there may be, of which three tenths are its own.
+    """
+    paper = roslf.load("paper")
+    camera = Camera.of(paper.replace({"aperture.diameter": 1.4 * paper.D_F}))
+    pitch = abs(float(microlens_image_pitch(camera) / camera.q))
+    s, u, images = np.arange(-9, 10.0), np.arange(12.0) - 6, MicrolensImages(camera, [(0.0, 0.0)])
+    texture = Texture.of(3, 0.2)
+    amplitude, *turns, phase = texture.waves.T
+    raw = waves_shown(images, s / pitch, s / pitch, np.transpose(turns) / (2 * math.pi), np.zeros(1))[0][:, 0]
+    along, down = (np.exp(1j * np.multiply.outer(turn, u)) for turn in turns)
+    waves = (amplitude * np.exp(1j * phase))[:, None, None] * down[:, :, None] * along[:, None]
+    light = image_parts(images, s / pitch, s / pitch).light.sum(0)[0]
+    lit = np.where(light > 0.1, light, 0)[..., None, None] * np.ones((12, 12))
+    values = texture.mean + np.einsum("wts,wvu->tsvu", raw, waves).real
+    field = LightField(values.astype(np.float32), lit.astype(np.float32), s, s, u, u, pitch)
+    views, shown = ViewLight(camera, field), texture.grid(u, u)
+    shared = views.with_shared(field, PreparedViews(field, *views.looks), np.zeros((12, 12)), shown).field
+    off = np.where(shared.weight > 0, shared.values - shown, 0)
+    assert np.abs(off).max() < 0.25 * shown.std()
+    telling = (shared.weight > 0).sum((0, 1))[2:-2, 2:-2]
+    assert telling.min() == telling.max() > 200
