@@ -499,11 +499,10 @@ def reading(field: LightField) -> Read:
 
 
 def _left_by_rows(frequency: NDArray[np.float64], step: float) -> NDArray[np.float64]:
-    """Share of waves along rows [periods a pitch], at the microlenses, that is left once hexagonal rows are made square.
+    """Share of waves [periods a pitch] that microlenses still show once hexagonal rows are made square, on average.
 
-    On average, by samples so many pitches apart. Of the finest they hold the mirror image beyond half a period a pitch
-    as well, which is the same wave at the microlenses: all of it is left. What is not would be left of neighbours'
-    light, and of each wave another share.
+    By samples so many pitches apart. Of the finest they hold the mirror image beyond half a period a pitch as well,
+    which is the same wave at the microlenses: all of it is left. What is not would be left of neighbours' light.
     """
     passed = read_between(frequency, (np.arange(MANY_BETWEEN) + 0.5) / MANY_BETWEEN).real
     return np.asarray(np.where(frequency < 1 - 1 / (2 * step), passed, 1.0))

@@ -366,7 +366,7 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
                 f"{kept**-0.5:.3g} times as large; "
                 "an exit pupil farther away (d_3 nearer to f) or slower microlenses meet it straighter"
             )
-    if float(fill_factor(camera)) > 1 and (full := share_saturated(camera)) > TAKEN_LOSS:
+    if 1 < float(fill_factor(camera)) < math.inf and (full := share_saturated(camera)) > TAKEN_LOSS:
         yield (
             f"{percent(full)} of the pixels saturate, where light of neighbouring images adds up: depth noise counts "
             "them as telling nothing; images that do not overlap or a shorter light.exposure leave room"

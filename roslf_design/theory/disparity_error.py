@@ -97,9 +97,8 @@ CLOSE, STEP = 0.004, 1e-5
 that; and the step of the differences that tangents are."""
 STEEPEST = 100.0
 """Slope from which on tangents are not taken: where next to nothing is left of a texture, rounding makes them."""
-SPREAD, CELL_PLACES = 3.0, 16
-"""Standard deviations of a pixel's light beyond its mean up to which it may fill; places along a side of the lattice's
-cell at which is looked how many do."""
+FULL, CELL_PLACES = 1e-3, 16
+"""Share of pixels that is let be full; places along a side of the lattice's cell at which is looked how many are."""
 VALUES, CACHED = 2**17, 2**14
 """Values of waves' images at a time: as many as stay at hand of the processor."""
 
@@ -195,10 +194,8 @@ class _Images(NamedTuple):
 
     def with_noise(self, number: int) -> _Images:
         """In one noise alone."""
-        one = slice(number, number + 1)
-        return self._replace(
-            dark=self.dark[:, one], uneven=self.uneven[:, one], shot=self.shot[:, one], room=self.room[:, one]
-        )
+        noises: Any = {name: getattr(self, name)[:, [number]] for name in ("dark", "uneven", "shot", "room")}
+        return self._replace(**noises)
 
     @property
     def own_shape(self) -> tuple[Array, ...]:
@@ -217,14 +214,22 @@ class _Images(NamedTuple):
 
     def filling(self, rise: float) -> NDArray[np.bool_]:
         """True where so many neighbours' images may lie on each other that they fill pixels; shape (N,)."""
-        most = np.ceil(self.wide) * np.ceil(self.wide / rise)
-        if self.openings.first_is_disc:
-            most = np.where(self.wide <= 1, 1.0, most)
+        alone = self.openings.first_is_disc & (self.wide <= 1)
         with np.errstate(invalid="ignore"):
-            light = (most * self.light)[:, None]
-            noise = self.shot * (light * (1 + self.uneven * light) + self.dark)
-            spread = np.sqrt(noise + np.square(self.contrast[:, None] * light))
-            return np.asarray((light + SPREAD * spread > self.room).any(1))
+            most = np.where(alone, 1.0, np.ceil(self.wide) * np.ceil(self.wide / rise))
+            return np.asarray((self.unfilled((most * self.light)[:, None, None])[..., 0] < 1 - FULL).any(1))
+
+    def variance(self, light: Array) -> Array:
+        """Variance of pixels that hold so many electrons of light, shape (N, 1, ...), in each noise (N, M, ...)."""
+        dark, uneven, shot = (part[..., None] for part in (self.dark, self.uneven, self.shot))
+        return np.asarray(shot * (light * (1 + uneven * light) + dark))
+
+    def unfilled(self, light: Array) -> Array:
+        """Share of them that hold no more than the full well, likewise."""
+        from scipy.special import ndtr
+
+        spread = np.sqrt(self.variance(light) + np.square(self.contrast[:, None, None] * light))
+        return np.asarray(ndtr((self.room[..., None] - light) / np.maximum(spread, 1e-150)))
 
     @property
     def finest(self) -> Array:
@@ -632,16 +637,12 @@ def _information(images: _Images, c: _Array, spectra: _Spectra) -> Array:
     count, side = len(images.pitch), spectra.light.shape[-1]
     passed = _transfer(images, c, spectra.fx, spectra.fy) * (side * side / spectra.cell)
     light, turned, times = spectra.images(passed)
-    dark, uneven, shot = (part[..., None] for part in (images.dark, images.uneven, images.shot))
-    own_light = images.light[:, None] * np.maximum(light[:, 0].real, 0.0).reshape(count, -1)
-    variance = shot * (own_light[:, None] * (1 + uneven * own_light[:, None]) + dark)
+    own_light = images.light[:, None, None] * np.maximum(light[:, :1].real, 0.0).reshape(count, 1, -1)
+    variance = images.variance(own_light)
     area = spectra.cell / side**2 * (images.pitch / images.pixel) ** 2
     weight = (images.light**2 * area)[:, None, None] / np.maximum(variance, 1e-300)
     if np.isfinite(images.room).any():
-        from scipy.special import ndtr
-
-        light_spread = np.sqrt(variance + np.square(images.contrast[:, None] * own_light)[:, None])
-        weight *= ndtr((images.room[..., None] - own_light[:, None]) / np.maximum(light_spread, 1e-150))
+        weight *= images.unfilled(own_light)
     weight *= np.broadcast_to(times, light.shape[-2:]).ravel()
     weight = np.repeat(weight, 2, axis=-1).swapaxes(1, 2)  # of real and imaginary parts, side by side
 
