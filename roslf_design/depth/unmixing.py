@@ -329,7 +329,7 @@ class ViewLight:
             # Each sample's own as often as it has light of neighbours, and what of these is known.
             _gather.compiled(np.stack(len(raw) * [known]), np.ones_like(known), *mixing, *maps, start, told)
             beyond = 2 * (1 - share) - told
-            good = (share > SHARED) & (beyond < SENT) & (light > 0)
+            good = (share > SHARED) & ((beyond < SENT) | (share > LEAST)) & (light > 0)
             gain = np.divide(1, share, out=np.zeros(light.shape, np.float32), where=good)
             _free.compiled(raw, gain, gain, np.zeros_like(raw), shown, dark, *mixing, *maps, start, freed)
         values[usable] = np.where(gain > 0, freed, 0)
