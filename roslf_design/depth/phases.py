@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._jit import THREADS, kernel, prange
-from ..calibration.decoding import LightField, read_between
+from ..calibration.decoding import LightField
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import panchromatic
 from ..theory.disparity_error import ImageParts, waves_shown
@@ -21,7 +21,6 @@ from ..theory.stop_images import MicrolensImages
 from .unmixing import (
     COARSE,
     LEAST,
-    MANY_BETWEEN,
     ROUNDS,
     SENT,
     SHARED,
@@ -263,19 +262,12 @@ class _FreedWaves(NamedTuple):
         for raw, disparity in zip(every[..., self.usable], disparities.tolist(), strict=True):
             yield raw, disparity * self.pupil + self.aside
 
-    def _squared(self, waves: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Share of waves, shape (W, 2), that is left on average once a hexagonal array's rows are made square."""
-        if self.light.like.hexagonal is None:
-            return np.ones(len(waves))
-        return np.asarray(read_between(waves[:, 0], (np.arange(MANY_BETWEEN) + 0.5) / MANY_BETWEEN).real)
-
     def shown(self, waves: NDArray[np.float64], disparities: NDArray[np.float64]) -> Iterator[NDArray[np.complex128]]:
         """Waves, shape (W, 2), as views show them against where their mean places do, shape (W, view, node)."""
         turns = np.exp(2j * math.pi * (waves @ PACKINGS[self.images.camera.layout].steps @ self.mixing.step.T))
-        passed = self._squared(waves)[:, None, None]
         for raw, where in self._raw(waves, disparities):
             raw, to_middle = np.ascontiguousarray(raw), np.exp(2j * math.pi * np.tensordot(waves, where, 1))
-            mean = np.ones((len(waves), 1, raw.shape[1])) * passed
+            mean = np.ones((len(waves), 1, raw.shape[1]))
             for _ in range(AMPLITUDES if self.shared else 1):
                 values = (mean / to_middle).swapaxes(1, 2).copy() if self.shared else raw * self.gain.T
                 sure = np.ones_like(self.sure.T) if self.shared else self.sure.T.copy()
@@ -286,9 +278,7 @@ class _FreedWaves(NamedTuple):
                     )  # fmt: skip
                 shown = values.swapaxes(1, 2) * to_middle
                 size = np.abs(shown)
-                mean = passed * np.sqrt(
-                    (size**2).sum(1, keepdims=True) / np.maximum((size > 0).sum(1, keepdims=True), 1)
-                )
+                mean = np.sqrt((size**2).sum(1, keepdims=True) / np.maximum((size > 0).sum(1, keepdims=True), 1))
             yield shown
 
 

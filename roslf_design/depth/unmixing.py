@@ -322,10 +322,15 @@ class ViewLight:
         values, weight = np.zeros_like(lenses.values, np.float32), np.zeros_like(lenses.weight, np.float32)
         light = lenses.weight[usable]
         shown = _shown(field, usable, looks, disparity, picture)
-        gain = np.divide(1, share, out=np.zeros(light.shape, np.float32), where=(share > SHARED) & (light > 0))
         raw, freed = np.asarray(lenses.values[usable], np.float32), np.empty_like(shown)
-        dark = np.zeros(shown.shape[1:], np.float32)
+        known = (picture[_on_grid(field)[0]] != 0).astype(np.float32)
+        told, dark = np.zeros_like(shown), np.zeros_like(known)
         with THREADS:
+            # Each sample's own as often as it has light of neighbours, and what of these is known.
+            _gather.compiled(np.stack(len(raw) * [known]), np.ones_like(known), *mixing, *maps, start, told)
+            beyond = 2 * (1 - share) - told
+            good = (share > SHARED) & ((beyond < SENT) | (share > LEAST)) & (light > 0)
+            gain = np.divide(1, share, out=np.zeros(light.shape, np.float32), where=good)
             _free.compiled(raw, gain, gain, np.zeros_like(raw), shown, dark, *mixing, *maps, start, freed)
         values[usable] = np.where(gain > 0, freed, 0)
         weight[usable] = np.where(gain > 0, light * share**2, 0)
@@ -402,6 +407,15 @@ def _freed(
     return values
 
 
+def _on_grid(field: LightField) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], NDArray[np.float64]]:
+    """Rows and columns of views nearest to each lens, to index them by, and the place of each among the columns."""
+    rows, count = (field if field.hexagonal is None else field.hexagonal).values.shape[2:]
+    row, column = np.arange(rows)[:, None], np.arange(count)[None, :] + np.zeros((rows, 1))
+    if field.hexagonal is not None:
+        column = (field.hexagonal.starts[:, None] + column - field.u[0]) / float(field.u[1] - field.u[0])
+    return (row, np.clip(np.rint(column).astype(int), 0, len(field.u) - 1)), column
+
+
 def _shown(
     field: LightField, usable: NDArray[np.bool_], looks: PreparedViews, disparity: NDArray[np.float64],
     picture: NDArray[np.float64],
@@ -409,21 +423,19 @@ def _shown(
     """Samples of a picture along disparities, as microlenses alone would show it; shape (view, v, u)."""
     from scipy import fft, ndimage
 
-    lenses = field if field.hexagonal is None else field.hexagonal
-    rows, count = lenses.values.shape[2:]
     steps = float(field.u[1] - field.u[0]), float(field.v[1] - field.v[0])
-    row, column = np.arange(rows)[:, None], np.arange(count)[None, :] + np.zeros((rows, 1))
-    if field.hexagonal is not None:
-        column = (field.hexagonal.starts[:, None] + column - field.u[0]) / steps[0]
-    near = row, np.clip(np.rint(column).astype(int), 0, len(field.u) - 1)
+    near, column = _on_grid(field)
+    row = near[0]
     filled = picture.astype(np.float32)[None]
     with THREADS:
         fill_holes.compiled(filled, (filled != 0).astype(np.float32))
     # Splines of single samples would turn the finest detail by 0.8 of what they should.
     waves = fft.dctn(np.pad(filled[0].astype(float), BEYOND, mode="reflect", reflect_type="odd"), norm="ortho")
+    if field.hexagonal is not None:
+        waves /= _left_by_rows(np.arange(waves.shape[1]) / (2 * waves.shape[1] * steps[0]), steps[0])
     fine = 2 * fft.idctn(np.pad(waves, [(0, n) for n in waves.shape]), norm="ortho")
     spline, b = ndimage.spline_filter(fine, 5, mode="reflect"), disparity[near]
-    out = np.empty((int(usable.sum()), rows, count), np.float32)
+    out = np.empty((int(usable.sum()), *column.shape), np.float32)
     aside = np.zeros_like(looks.pupil) if looks.aside is None else looks.aside
     for n, (t, s) in enumerate(np.argwhere(usable)):
         p, a = (
@@ -484,6 +496,16 @@ def reading(field: LightField) -> Read:
     ranks = (np.arange(MANY_BETWEEN) + 0.5) / MANY_BETWEEN
     along, across = (partial(read_between, between=np.quantile(axis, ranks)) for axis in field.between)
     return (along,), (across,)
+
+
+def _left_by_rows(frequency: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+    """Share of waves [periods a pitch] that microlenses still show once hexagonal rows are made square, on average.
+
+    By samples so many pitches apart. Of the finest they hold the mirror image beyond half a period a pitch as well,
+    which is the same wave at the microlenses: all of it is left. What is not would be left of neighbours' light.
+    """
+    passed = read_between(frequency, (np.arange(MANY_BETWEEN) + 0.5) / MANY_BETWEEN).real
+    return np.asarray(np.where(frequency < 1 - 1 / (2 * step), passed, 1.0))
 
 
 def light_shares(light: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ from ..lenses.glass import ROOM
 from ..shapes.lattice import PACKINGS
 from ..theory import tube
 from ..theory.colours import PIXEL_FILTERS
+from ..theory.disparity_error import share_saturated
 from ..theory.f_number import TOUCHING_PX, fill_factor, main_lens_f_number, matched, pupil_f_number
 from ..theory.focused import LEAST_VIEWS, FocusedArray, filtered_views, is_focused, pupil_remedy
 from ..theory.lens_shapes import LENS_SHAPES
@@ -23,7 +24,7 @@ from ..theory.light import outer_slope, sensor_field
 from ..theory.photometry import accepted, response
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import FEASIBLE
-from ..words import length, listed, number, place, the
+from ..words import length, listed, number, percent, place, the
 from .answer import FirstAnswer
 from .fields import default_fields, field_openings
 from .groups import Field, Numbers, RealLens, Verdict
@@ -363,6 +364,11 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
                 f"{kept**-0.5:.3g} times as large; "
                 "an exit pupil farther away (d_3 nearer to f) or slower microlenses meet it straighter"
             )
+    if 1 < float(fill_factor(camera)) < math.inf and (full := share_saturated(camera)) > TAKEN_LOSS:
+        yield (
+            f"{percent(full)} of the pixels saturate, where light of neighbouring images adds up: depth noise counts "
+            "them as telling nothing; images that do not overlap or a shorter light.exposure leave room"
+        )
     corner = float(sensor_field(camera).radius)
     beyond = float(outer_slope(camera, corner)) / camera.lens.told_to
     if beyond > 1 + 1e-3:

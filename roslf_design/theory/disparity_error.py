@@ -16,6 +16,9 @@ electrons in all of them and a scatter of s electrons in the dark, the variance 
 
     ``N A_all + V + r^2 + s^2 + (eps (N A_all + V))^2``.
 
+Where images overlap, neighbours' light adds up, and fills pixels that a single image does not: what of ``N A_all``,
+which scatters by noise and by the texture's contrast, is beyond the full well tells nothing.
+
 That holds for detail far above a pitch. Here it is taken detail by detail: for a wave of kappa periods per pitch
 neighbours' light in a pixel comes with its own phase, out of focus B turns phases over the FAP, and A and X become
 ``sum over microlenses k of exp(2 pi i kappa k) A(p - k)``: by Poisson's formula a Fourier sum over one cell of the
@@ -39,11 +42,11 @@ from ..camera import Camera, Number
 from ..shapes.discs import gauss_legendre
 from ..shapes.lattice import PACKINGS
 from ..shapes.openings import Openings
-from .colours import filters
+from .colours import filters, panchromatic
 from .exit_pupil import microlens_image_diameter, microlens_image_pitch
 from .lens_shapes import LENS_SHAPES, LensShape
 from .light import microlens_defocus
-from .photometry import NOTHING, Beside, dark_variance, electrons, response, through_filter
+from .photometry import NOTHING, Beside, dark_variance, electrons, response, through_filter, veil_electrons
 from .stop_images import MicrolensImages
 from .transfer import pixel_box
 
@@ -94,6 +97,8 @@ CLOSE, STEP = 0.004, 1e-5
 that; and the step of the differences that tangents are."""
 STEEPEST = 100.0
 """Slope from which on tangents are not taken: where next to nothing is left of a texture, rounding makes them."""
+FULL, CELL_PLACES = 1e-3, 16
+"""Share of pixels that is let be full; places along a side of the lattice's cell at which is looked how many are."""
 VALUES, CACHED = 2**17, 2**14
 """Values of waves' images at a time: as many as stay at hand of the processor."""
 
@@ -170,6 +175,10 @@ class _Images(NamedTuple):
     """Squared share of brightness that pixels differ by, over `shot`; shape (N, M)."""
     shot: Array
     """Variance per electron of own light: above 1 where views differ by a share of a veil, too; shape (N, M)."""
+    room: Array
+    """Electrons of light that pixels hold, in each of the noises; inf where all of them hold theirs, shape (N, M)."""
+    contrast: Array
+    """Rms share by which a texture's brightness differs from its mean."""
     pitch: Array
     bend: Array
     """B over the image's diameter, in pitches."""
@@ -185,8 +194,8 @@ class _Images(NamedTuple):
 
     def with_noise(self, number: int) -> _Images:
         """In one noise alone."""
-        one = slice(number, number + 1)
-        return self._replace(dark=self.dark[:, one], uneven=self.uneven[:, one], shot=self.shot[:, one])
+        noises: Any = {name: getattr(self, name)[:, [number]] for name in ("dark", "uneven", "shot", "room")}
+        return self._replace(**noises)
 
     @property
     def own_shape(self) -> tuple[Array, ...]:
@@ -202,6 +211,25 @@ class _Images(NamedTuple):
     def whole(self) -> NDArray[np.bool_]:
         """True for those that no stop but the FAP cuts."""
         return np.asarray(self.openings.rooms[:, 1:].min(1, initial=1.0) >= 0)
+
+    def filling(self, rise: float) -> NDArray[np.bool_]:
+        """True where so many neighbours' images may lie on each other that they fill pixels; shape (N,)."""
+        alone = self.openings.first_is_disc & (self.wide <= 1)
+        with np.errstate(invalid="ignore"):
+            most = np.where(alone, 1.0, np.ceil(self.wide) * np.ceil(self.wide / rise))
+            return np.asarray((self.unfilled((most * self.light)[:, None, None])[..., 0] < 1 - FULL).any(1))
+
+    def variance(self, light: Array) -> Array:
+        """Variance of pixels that hold so many electrons of light, shape (N, 1, ...), in each noise (N, M, ...)."""
+        dark, uneven, shot = (part[..., None] for part in (self.dark, self.uneven, self.shot))
+        return np.asarray(shot * (light * (1 + uneven * light) + dark))
+
+    def unfilled(self, light: Array) -> Array:
+        """Share of them that hold no more than the full well, likewise."""
+        from scipy.special import ndtr
+
+        spread = np.sqrt(self.variance(light) + np.square(self.contrast[:, None, None] * light))
+        return np.asarray(ndtr((self.room[..., None] - light) / np.maximum(spread, 1e-150)))
 
     @property
     def finest(self) -> Array:
@@ -326,8 +354,9 @@ def _informations(images: MicrolensImages, plane: Seen, waves: Spectrum | None, 
     array = _Array(c.layout, c.lens_shape, bool(c.shape))
     fill, whole = rows.wide, rows.whole
     usable = np.isfinite(fill) & (fill < WIDEST) & (fill > 0) & np.isfinite(rows.light) & (rows.light > 0)
-    room = np.stack([np.broadcast_to(c["sensor.full_well"] - beside.veil, shape).ravel() for beside in besides])
-    usable &= rows.light <= room.max(axis=0)
+    held, filled = rows.light[:, None] <= rows.room, rows.filling(PACKINGS[c.layout].rise)
+    usable &= held.any(1)
+    rows = rows._replace(room=np.where(filled[:, None], rows.room, math.inf))
     # A texture too fine for single views has no strength, and tells nothing at whatever cost.
     usable &= np.isfinite(rows.texture.fine) & np.isfinite(rows.texture.strength) & (rows.texture.strength > 0)
     level = np.where(usable, np.minimum(2 * np.ceil(rows.finest / 2), SHARPEST).clip(2, None), 0).astype(int)
@@ -337,15 +366,14 @@ def _informations(images: MicrolensImages, plane: Seen, waves: Spectrum | None, 
     if waves is None and "depth.period" not in c.numbers:
         disparity = np.broadcast_to(plane.disparity, shape).ravel()
         shares = _waves_needed(*(np.where(usable, part, 0.0) for part in (disparity, rows.texture.fine, fill)))
-    for (spectrum, share), detail, uncut in itertools.product(
-        shares, (np.flatnonzero(np.bincount(level, minlength=2)[1:]) + 1).tolist(), (False, True)
-    ):
-        mine = np.flatnonzero((level == detail) & (whole == uncut) & (share > 0))
+    details = (np.flatnonzero(np.bincount(level, minlength=2)[1:]) + 1).tolist()
+    for (spectrum, share), detail, uncut, full in itertools.product(shares, details, (False, True), (False, True)):
+        mine = np.flatnonzero((level == detail) & (whole == uncut) & (filled == full) & (share > 0))
         if mine.size:
             some = rows.at(mine)._replace(texture=rows.texture.at(mine)._replace(waves=spectrum))
-            part = (_interpolated if uncut else _each)(some, array, detail, uncut)
+            part = (_interpolated if uncut and not full else _each)(some, array, detail, uncut)
             information[mine] += share[mine, None] * part
-    return np.where(rows.light <= room, information.T, 0.0).reshape(-1, *shape)
+    return np.where(held, information, 0.0).T.reshape(-1, *shape)
 
 
 def _builds(images: MicrolensImages, plane: Seen) -> tuple[int, ...]:
@@ -364,14 +392,14 @@ def _rows_of(
     bend = ratio(plane.disparity * pitch, magnitude(microlens_image_diameter(c)))
     defocus = -microlens_defocus(c) / c.seen.d_2
     light = electrons(c) * images.level * response(c, np.hypot(*images.microlens[:2]))
-    noises: list[tuple[Number, Number, Number]] = []
+    noises: list[tuple[Number, Number, Number, Number]] = []
     for beside in besides:
         uneven = np.square(beside.share)
         # N A + V + r^2 + s^2 + eps^2 (N A + V)^2, over what the term in N A is multiplied by.
         shot = 1 + 2 * uneven * beside.veil
         dark = dark_variance(c) + np.square(beside.dark) + beside.veil + uneven * np.square(beside.veil)
-        noises.append((dark / shot, uneven / shot, shot))
-    optics = (c.d, c.seen.d_2, c.wavelength, defocus, c.q, light, pitch, bend)
+        noises.append((dark / shot, uneven / shot, shot, c["sensor.full_well"] - beside.veil))
+    optics = (c.d, c.seen.d_2, c.wavelength, defocus, c.q, light, c["depth.contrast"], pitch, bend)
     per_pitch = np.broadcast_to(ratio(1.0, pitch), builds)
     turn = np.asarray(c["microlens_array.rotation"])
     cos, sin = np.cos(turn), np.sin(turn)
@@ -405,12 +433,12 @@ def _rows_of(
     if 0 in openings.polygons:
         wide = np.broadcast_to(magnitude(microlens_image_diameter(c)) * per_pitch, shape).ravel()
     rows: Any = [np.broadcast_to(np.asarray(value, float), shape).ravel() for value in (*optics, *texture[:2])]
-    *rows, pitch, bend, fine, strength = rows
+    *rows, contrast, pitch, bend, fine, strength = rows
     rows += [
         np.stack([np.broadcast_to(np.asarray(value, float), shape).ravel() for value in values], -1)
         for values in zip(*noises, strict=True)
     ]
-    rows += [pitch, bend, wide, scaled, texture._replace(fine=fine, strength=strength)]
+    rows += [contrast, pitch, bend, wide, scaled, texture._replace(fine=fine, strength=strength)]
     return _Images(*rows)
 
 
@@ -533,6 +561,7 @@ def _series(c: _Array, level: int, count: int, nodes: bytes, spectrum: bytes, le
     sharp, pixel, dark, uneven, fine, blurred, bend, *shape = np.frombuffer(nodes).reshape(count, -1)
     one = np.ones(sharp.size)
     noise = (*(np.maximum(np.exp(part) - 1e-6, 0.0)[:, None] for part in (dark, uneven)), one[:, None])
+    noise += (np.full((sharp.size, 1), math.inf), 0 * one)
     image = _opening_of(*shape)
     waves = _Texture(np.exp(fine), one, Spectrum(*np.frombuffer(spectrum).reshape(3, -1)), lens_shape)
     own: Any = [one, one, np.exp(-sharp), blurred, np.exp(pixel), one, *noise, one, bend, one, image, waves]
@@ -608,11 +637,12 @@ def _information(images: _Images, c: _Array, spectra: _Spectra) -> Array:
     count, side = len(images.pitch), spectra.light.shape[-1]
     passed = _transfer(images, c, spectra.fx, spectra.fy) * (side * side / spectra.cell)
     light, turned, times = spectra.images(passed)
-    dark, uneven, shot = (part[..., None] for part in (images.dark, images.uneven, images.shot))
-    own_light = images.light[:, None] * np.maximum(light[:, 0].real, 0.0).reshape(count, -1)
-    variance = shot * (own_light[:, None] * (1 + uneven * own_light[:, None]) + dark)
+    own_light = images.light[:, None, None] * np.maximum(light[:, :1].real, 0.0).reshape(count, 1, -1)
+    variance = images.variance(own_light)
     area = spectra.cell / side**2 * (images.pitch / images.pixel) ** 2
     weight = (images.light**2 * area)[:, None, None] / np.maximum(variance, 1e-300)
+    if np.isfinite(images.room).any():
+        weight *= images.unfilled(own_light)
     weight *= np.broadcast_to(times, light.shape[-2:]).ravel()
     weight = np.repeat(weight, 2, axis=-1).swapaxes(1, 2)  # of real and imaginary parts, side by side
 
@@ -956,6 +986,17 @@ def light_read(images: MicrolensImages, x: Array, y: Array, read: Read) -> Array
     Of a single field; every way along x is paired with each along y, those along x first.
     """
     return _OwnWaves.of(images, x, y, read).light
+
+
+def share_saturated(c: Camera) -> float:
+    """Share of the pixels on the axis that hold more than the full well, neighbours' light where images overlap too."""
+    from scipy.special import ndtr
+
+    places = (np.arange(CELL_PLACES) + 0.5) / CELL_PLACES
+    x, y = places, np.concatenate([places, 1 + places]) * PACKINGS[c.layout].rise  # rows of hexagonal arrays alternate
+    charge = float(electrons(c)) * image_parts(MicrolensImages(panchromatic(c), [(0.0, 0.0)]), x, y).light.sum(0)
+    spread = np.sqrt(np.maximum(charge, 0.0) + dark_variance(c) + np.square(c["depth.contrast"] * charge))
+    return float(ndtr((charge + veil_electrons(c) - c["sensor.full_well"]) / spread).mean())
 
 
 def disparity_sigmas(images: MicrolensImages, plane: Seen, besides: tuple[Beside, ...] = (NOTHING,)) -> Array:

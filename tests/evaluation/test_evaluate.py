@@ -278,6 +278,8 @@ def test_warnings_name_what_is_odd(paper):
     wide = roslf.evaluate(paper.replace({"sensor.pixel": 0.06})).warnings
     assert any("60 um" in warning and "check sensor.pixel" in warning for warning in wide)
     assert len(wide) == 1
+    overlapping = roslf.evaluate(paper.replace({"aperture.diameter": 1.6 * paper.D_F})).warnings
+    assert any("% of the pixels saturate, where light of neighbouring images adds up" in text for text in overlapping)
     assert not roslf.evaluate(paper).warnings
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
+from scipy.special import ndtr
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
@@ -195,6 +196,33 @@ def test_light_texture_and_window_scale_as_they_must():
     sigma = QUANTITIES["sigma_disparity_pitches"]
     wide = sigma(Camera.of(bright.replace({"depth.window": 9})))
     assert float(wide) == pytest.approx(float(sigma(Camera.of(bright))) * 5 / 9, rel=1e-12)
+
+
+def test_what_overlapping_images_fill_tells_nothing():
+    """Slow detail, where neighbours' light adds up to more than the full well: moments of the pixels that it leaves.
+
+    One image alone fills four fifths of it. Both sides are sums over pixels, ours by the lattice's waves.
+    """
+    lit = {"sensor.full_well": 1e6, "light.exposure": 1.0, "sensor.read_noise": 0.0}
+    design = PAPER.replace({**lit, "aperture.diameter": 1.4 * PAPER.D_F})
+    room = float(electrons(Camera.of(design))) / 0.8
+    images = MicrolensImages(Camera.of(design), [(0.0, 0.0)])
+    places = (np.arange(60) + 0.5) / 60 - 0.5
+    parts = image_parts(images, places, places)
+    light, along = (part.sum(0)[0] for part in (parts.light, parts.light * parts.x))
+    left = ndtr((1.25 - light) / (design.depth.contrast * light))
+    slow = Spectrum(np.array([1e-3]), np.zeros(1), np.ones(1))
+    both = [
+        _disparity_information(
+            MicrolensImages(Camera.of(design.replace({"sensor.full_well": well, "sensor.bits": 24})), [(0.0, 0.0)]),
+            seen_at(Camera.of(design), None)._replace(disparity=np.zeros(())),
+            slow,
+        )[0, 0]
+        for well in (room, 100 * room)
+    ]
+    expected = (left * along**2 / light).sum() / (along**2 / light).sum()
+    assert expected < 0.6
+    assert float(both[0] / both[1]) == pytest.approx(expected, rel=0.03)
 
 
 def test_the_edge_is_measured_with_the_light_that_it_gets():
