@@ -194,7 +194,8 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
         folded = [field.x_ml_mm for field in lens.fields if field.status == "folded"]
         where = f"; folded at {', '.join(f'{place(x_ml)} mm' for x_ml in folded)}" if folded else ""
         other = lens.turned_x_ml_max_mm
-        turned = f"reversed, the lens sees whole images out to {other:.4g} mm; " if other is not None else ""
+        wider = other is not None and other > lens.x_ml_max_mm
+        turned = f"the other way round the lens sees whole images out to {other:.4g} mm; " if wider else ""
         ways = "a better corrected or wider lens, a FAP closer to it or a smaller sensor helps"
         text = f"{CUT_IN_IT}: {bound}{where}; {sees}"
         return Verdict.of("field_undistorted", text, f"{turned}{by_thin or ways}")
