@@ -16,13 +16,15 @@ import numpy as np
 
 from .._arrays import Array
 from .draws import Draws
-from .places import GradeLine, Grades, expand, parse_tolerance, perturbable
+from .places import GradeLine, Grades, expand, nominal_values, parse_tolerance, perturbable
 from .study import CALIBRATION, Adjuster, Study, TolerancePlan
 from .trials import measure_finally
 from .yields import FRESH, Yield, curve_trials, first_draws, fresh, least_passed, promised, search_trials
 
 Steps = tuple[tuple[str, str, float], ...]
 """Places, grades (empty where a step is to none of them), and half-widths, or an adjuster's reach [mm or rad]."""
+HALF = 0.5
+"""Share of a distance that an adjustment moves at most: what stands at both ends of it has seats."""
 Kind = Literal["grade", "adjustment", "tightening", "several grades", "all tolerances"]
 
 MOST_TRIALS, STEPS_TRIALS = 4096, 1024
@@ -315,7 +317,7 @@ def _adjusted(now: _Builds, grades: Grades, trials: int) -> Iterator[tuple[Chang
     """Changes by one more adjustment, whatever they reach."""
     plan = now.plan
     design = plan.question.design
-    kinds = perturbable(design)
+    kinds, nominal = perturbable(design), nominal_values(design)
     own = {adjuster.place for adjuster in plan.adjusters}
     for line in grades.adjustments:
         reach = math.inf
@@ -328,6 +330,8 @@ def _adjusted(now: _Builds, grades: Grades, trials: int) -> Iterator[tuple[Chang
             if not places:
                 continue
             reach = parse_tolerance(line.range, kinds[places[0]], 1.0) if line.range else math.inf
+            lengths = [abs(nominal[place]) for place in places if place.endswith(".distance") and nominal[place]]
+            reach = min([reach, *(HALF * length for length in lengths)])
             other = replace(plan, adjusters=(*plan.adjusters, *(Adjuster(place, reach) for place in places)))
         builds = now._replace(plan=other)
         result = Yield(builds.passed(trials), trials)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from roslf_design.commands.tolerance import summary
-from roslf_design.design import loads
+from roslf_design.design import load, loads
 from roslf_design.errors import InputError
 from roslf_design.reporting.blocks import Figure, Statements, Table
 from roslf_design.reporting.printers import render_tables
@@ -181,6 +181,18 @@ def test_adjustments_at_assembly_are_proposed_with_range_cost_and_yield():
     )
     own = 100 * tally_chunk(with_it, 0).passed[-1] / 4096
     assert float(focus[2]) == pytest.approx(own, abs=3.0)
+
+
+def test_no_adjustment_is_offered_that_moves_a_part_into_another():
+    """A sensor 0.105 mm behind its array is not focused by a tenth: half of the distance is the most."""
+    design = load("paper").replace({"sensor.distance": 0.105, "microlens_array.focal_length": 0.105})
+    data = {"name": "near", "design": "paper", "grade": "commercial", "trials": 256, "sobol_samples": 0}
+    goals = [{"metric": "f_number_microlens", "max": 1.6667}]
+    plan, study, grades = tolerance_plan({**data, "goals": goals}, design)
+    budget = analyse(plan, study, grades, tally_chunk(plan, 0)).budget
+    reach = {place: far for change in budget.adjustments for place, _, far in change.steps}
+    assert reach["sensor.distance"] == pytest.approx(0.0525)
+    assert reach["microlens_array.distance"] == 0.5
 
 
 def test_one_at_a_time_moves_are_drawn_beside_an_end_that_is_no_camera(colliding):
