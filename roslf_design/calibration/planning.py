@@ -457,7 +457,7 @@ def _alternatives(captures: Captures, sheet: DataSheet) -> Iterator[tuple[str, C
         f"spread the distances over {2 * spread:.4g} mm": {"distance_range": 2 * spread},
         "halve the corner noise": {"noise": captures.noise / 2},
         f"use a board of {larger.columns} x {larger.rows} cells of the same size": {"board": larger},
-        f"use cells of {finer.cell:g} mm on the same board": {"board": finer},
+        f"use {finer.columns} x {finer.rows} cells of {finer.cell:g} mm on the same board": {"board": finer},
     }
     if tilt > 1.01 * captures.tilt:
         degrees = (math.degrees(angle) for angle in (tilt, captures.tilt))
