@@ -97,8 +97,9 @@ CLOSE, STEP = 0.004, 1e-5
 that; and the step of the differences that tangents are."""
 STEEPEST = 100.0
 """Slope from which on tangents are not taken: where next to nothing is left of a texture, rounding makes them."""
-FULL, CELL_PLACES = 1e-3, 16
-"""Share of pixels that is let be full; places along a side of the lattice's cell at which is looked how many are."""
+FULL, FULL_SIGMAS, CELL_PLACES = 5e-3, 2.576, 16
+"""Share of pixels that is let be full, and beyond how many standard deviations it lies; places along a side of the
+lattice's cell at which is looked how many are."""
 VALUES, CACHED = 2**17, 2**14
 """Values of waves' images at a time: as many as stay at hand of the processor."""
 
@@ -214,10 +215,11 @@ class _Images(NamedTuple):
 
     def filling(self, rise: float) -> NDArray[np.bool_]:
         """True where so many neighbours' images may lie on each other that they fill pixels; shape (N,)."""
-        alone = self.openings.first_is_disc & (self.wide <= 1)
         with np.errstate(invalid="ignore"):
-            most = np.where(alone, 1.0, np.ceil(self.wide) * np.ceil(self.wide / rise))
-            return np.asarray((self.unfilled((most * self.light)[:, None, None])[..., 0] < 1 - FULL).any(1))
+            most = np.ceil(self.wide) * np.ceil(self.wide / rise)
+            most = np.where(_overlapping(self.wide, rise, self.openings.first_is_disc) > FULL, most, 1.0)
+            light = (most * self.light)[:, None]
+            return np.asarray((self.room - light < FULL_SIGMAS * self._spread(light[..., None])[..., 0]).any(1))
 
     def variance(self, light: Array) -> Array:
         """Variance of pixels that hold so many electrons of light, shape (N, 1, ...), in each noise (N, M, ...)."""
@@ -228,13 +230,25 @@ class _Images(NamedTuple):
         """Share of them that hold no more than the full well, likewise."""
         from scipy.special import ndtr
 
-        spread = np.sqrt(self.variance(light) + np.square(self.contrast[:, None, None] * light))
-        return np.asarray(ndtr((self.room[..., None] - light) / np.maximum(spread, 1e-150)))
+        return np.asarray(ndtr((self.room[..., None] - light) / np.maximum(self._spread(light), 1e-150)))
+
+    def _spread(self, light: Array) -> Array:
+        """Scatter of the light by noise and by the texture's contrast, likewise."""
+        return np.asarray(np.sqrt(self.variance(light) + np.square(self.contrast[:, None, None] * light)))
 
     @property
     def finest(self) -> Array:
         """Periods in a pitch of the finest detail that diffraction passes."""
         return self.pitch * self.width / (self.wavelength * self.distance)
+
+
+def _overlapping(wide: Array | float, rise: float, is_disc: bool) -> Array:
+    """Share of the pixels, at most, that whole images of several microlenses reach, by their width in pitches."""
+    w = np.maximum(np.asarray(wide, float), 1.0)
+    if not is_disc:
+        return np.asarray(1 - np.square(np.maximum(2 - w, 0.0)) if rise == 1 else w > 1, float)
+    lens = w**2 / 2 * np.arccos(1 / w) - np.sqrt(w**2 - 1) / 2  # that two discs a pitch apart have in common
+    return np.asarray(np.minimum(lens * (2 if rise == 1 else 3) / rise, 1.0))
 
 
 def _opening_of(width: Array, height: Array | None = None, turn: Array | None = None) -> Openings:
@@ -990,11 +1004,15 @@ def light_read(images: MicrolensImages, x: Array, y: Array, read: Read) -> Array
 
 def share_saturated(c: Camera) -> float:
     """Share of the pixels on the axis that hold more than the full well, neighbours' light where images overlap too."""
+    images, rise = MicrolensImages(panchromatic(c), [(0.0, 0.0)]), PACKINGS[c.layout].rise
+    wide = float(magnitude(ratio(microlens_image_diameter(c), microlens_image_pitch(c))))
+    if not _overlapping(wide, rise, images.openings.first_is_disc) > FULL:
+        return 0.0
     from scipy.special import ndtr
 
     places = (np.arange(CELL_PLACES) + 0.5) / CELL_PLACES
-    x, y = places, np.concatenate([places, 1 + places]) * PACKINGS[c.layout].rise  # rows of hexagonal arrays alternate
-    charge = float(electrons(c)) * image_parts(MicrolensImages(panchromatic(c), [(0.0, 0.0)]), x, y).light.sum(0)
+    x, y = places, np.concatenate([places, 1 + places]) * rise  # rows of hexagonal arrays alternate
+    charge = float(electrons(c)) * image_parts(images, x, y).light.sum(0)
     spread = np.sqrt(np.maximum(charge, 0.0) + dark_variance(c) + np.square(c["depth.contrast"] * charge))
     return float(ndtr((charge + veil_electrons(c) - c["sensor.full_well"]) / spread).mean())
 

@@ -17,6 +17,7 @@ from roslf_design.theory.disparity_error import (
     Seen,
     Spectrum,
     _disparity_information,
+    _overlapping,
     axial_disparity_sigma,
     disparity_sigma,
     image_parts,
@@ -433,3 +434,15 @@ def test_waves_grow_in_number_without_a_step():
 
     coarse, fine = (np.log(sigma(at + step) / sigma(at - step)) / (2 * step) for step in (5e-3, 5e-6))
     assert_allclose(fine, coarse, atol=0.05)
+
+
+@pytest.mark.parametrize(("layout", "wide"), [("square", 1.0149), ("square", 1.3), ("hexagonal", 1.1)])
+def test_pixels_that_several_images_reach_are_those_of_drawn_discs(layout, wide):
+    """By 400 x 400 places of the lattice's cell: 1 / 400 of a share is what its rows leave open."""
+    rise = PACKINGS[layout].rise
+    places = (np.arange(400) + 0.5) / 400
+    x, y = np.meshgrid(places, 2 * rise * places)
+    rows = [(k + (0.5 * (n % 2) if rise < 1 else 0.0), n * rise) for k in range(-2, 4) for n in range(-2, 5)]
+    covered = sum(np.hypot(x - a, y - b) < wide / 2 for a, b in rows)
+    assert _overlapping(wide, rise, True) == pytest.approx(np.mean(covered > 1), abs=2.5e-3)
+    assert _overlapping(0.98, rise, True) == _overlapping(1.0, rise, False) == 0
