@@ -11,6 +11,7 @@ import roslf_design as roslf
 from roslf_design.calibration.options import PlanOptions, planned_lengths
 from roslf_design.camera import Camera
 from roslf_design.drawing.marks import Dots
+from roslf_design.evaluation.evaluate import held_to
 from roslf_design.reporting import story
 from roslf_design.reporting.blocks import Report
 from roslf_design.reporting.sheet import lines as datasheet
@@ -95,6 +96,13 @@ def test_what_is_required_says_how_many_builds_meet_it(tmp_path, capsys, monkeyp
     assert across["two_sigma"] > 0
     assert fill["remark"].endswith("100 % of builds meet it")  # the study's own limit
     assert depth["remark"].endswith("of the nominal design")
+    assert across["remark"].startswith("~ met as drawn: at least")  # below the target yield
+    assert fill["remark"].startswith("met: ")
+    basis = json.loads((tmp_path / "a.json").read_text())["basis"]
+    assert f"its yield does not count: {across['name']} and {depth['name']}, as required" in basis
+    grounds = story.datasheet_of(tmp_path / "study.toml")
+    result = held_to(roslf.evaluate(tmp_path / "design.toml", build=grounds.build), grounds.required)
+    assert [one.level for one in result.verdicts if one.name.startswith("required")] == ["limit", "good", "good"]
     assert run(capsys, "tolerance", tmp_path / "study.toml", "-o", tmp_path / "fill")[0] == 0
     assert json.loads((tmp_path / "fill/results.json").read_text())["yield"]["left_out"] == ""  # no goal of depth
     (tmp_path / "study.toml").write_text(study + '[[goals]]\nmetric = "u_z_mm"\nmax = 9\n')
