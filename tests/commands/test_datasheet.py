@@ -127,11 +127,11 @@ def test_the_sheet_one_signs_names_its_design_and_ends_where_depth_is_of_little_
     lines = {line["name"]: line for line in told["lines"]}
     assert lines["evenly lit"]["text"] == "yes"
     near, far = told["specification"]["working_range_mm"]
-    assert [lines[f"working range, {end}"]["value"] for end in ("near", "far")] == [near, far]
+    assert [lines[f"working range, as drawn, {end}"]["value"] for end in ("near", "far")] == [near, far]
     # Of the paper's bench views blur long before depth is of no use.
     assert [near, far] == told["specification"]["depth_of_field_mm"]["view"]
     scope = datasheet.basis(roslf.load("rigid-scope"))
-    (useful,) = (line.value for line in scope.rows if line.name == "working range, far")
+    (useful,) = (line.value for line in scope.rows if line.name == "working range, as drawn, far")
     camera = roslf.Camera.of(scope.design)
     assert float(depth_budget(camera, useful).expanded_mm) <= 0.1 * useful
     assert all(float(depth_budget(camera, far * useful).expanded_mm) > 0.1 * far * useful for far in (1.01, 2.0, 20.0))

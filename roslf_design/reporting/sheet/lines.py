@@ -275,7 +275,8 @@ def _lines(
     angles |= {f"tip_field_of_view_{part}deg": getattr(tip, way) for part, way in ways.items()}
     yield from _whole_camera("Field of view", camera, angles)
     near, far = sheet.depth_of_field_mm.view
-    yield from _range_lines(WorkingRange(near, far, math.nan if sheet.useful_to_mm is None else sheet.useful_to_mm))
+    useful = math.nan if sheet.useful_to_mm is None else sheet.useful_to_mm
+    yield from _range_lines(WorkingRange(near, far, useful, budgets[None].lengths))
     yield from _whole_camera("Distances", camera, {})
     yield from _expected_lines(budgets)
     yield from _depth_lines(sheet, traced)
@@ -356,13 +357,15 @@ def _required_lines(required: Iterable[Requirement], traced: bool) -> Iterator[_
 def _range_lines(within: WorkingRange) -> Iterator[_SheetLine]:
     """Lines on both ends of the working range, or that there is none."""
     if within.ends is None:
-        yield _SheetLine("Distances", RANGE, None, "", within.remark, "", within.value)
+        yield _SheetLine("Distances", within.label, None, "", within.remark, "", within.value)
         return
     near, far = within.ends
     sharp = "view_depth_of_field_{}_mm"  # whose scatter over builds is an end's where sharpness ends it
-    yield _SheetLine("Distances", f"{RANGE}, near", near, "mm", "where single views are sharp", sharp.format("near"))
+    yield _SheetLine(
+        "Distances", f"{within.label}, near", near, "mm", "where single views are sharp", sharp.format("near")
+    )
     own = "" if far < within.sharp_to else sharp.format("far")
-    yield _SheetLine("Distances", f"{RANGE}, far", far, "mm", within.remark, own)
+    yield _SheetLine("Distances", f"{within.label}, far", far, "mm", within.remark, own)
 
 
 def told_as_built(grounds: SpreadSources, required: Sequence[Requirement]) -> SpreadSources:
@@ -401,8 +404,12 @@ def _expected_lines(budgets: Mapping[float | None, DepthBudget]) -> Iterator[_Sh
     budget = budgets[None]
     u, largest = float(budget.u_z_mm), budget.mostly
     missing = "" if math.isfinite(u) else "none"
-    yield _SheetLine(EXPECTED, f"expanded uncertainty U, k = {COVERAGE}", COVERAGE * u, "mm", largest, "", missing)
-    yield _SheetLine(EXPECTED, "standard uncertainty u", u, "mm", "68 of 100 lie within", "", missing)
+    yield _SheetLine(
+        EXPECTED, f"expanded uncertainty U, k = {COVERAGE}, {budget.lengths}", COVERAGE * u, "mm", largest, "", missing
+    )
+    yield _SheetLine(
+        EXPECTED, f"standard uncertainty u, {budget.lengths}", u, "mm", "68 of 100 lie within", "", missing
+    )
     for at, there in budgets.items():
         if at is not None:
             expanded, mostly = float(there.expanded_mm), there.mostly
@@ -579,7 +586,11 @@ def _quoted(grounds: SpreadSources) -> str:
     looked = ""
     if grounds.looked is not None:
         budget = depth_budget(Camera.of(grounds.design.thin_twin), build=grounds.looked)
-        looked = f" (as a first look builds them, U = {number(float(budget.expanded_mm), 3)} mm)"
+        u, expanded = (number(float(mm), 3) for mm in (budget.u_z_mm, budget.expanded_mm))
+        looked = (
+            f" (as a first look builds them, U = {expanded} mm and u = {u} mm: believe these, which the working range "
+        )
+        looked += "and required depths count)"
     return (
         f"of lengths as drawn. Lengths as built are not in it{looked}: quote it of no camera, but the figure of a "
         "tolerance study's sheet (`roslf datasheet` of the study) or, after a calibration, of the sheet with it "
