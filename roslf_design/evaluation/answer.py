@@ -102,7 +102,7 @@ class FirstAnswer:
     corner_slant: float
     """Share that light's slant and the lens's mapping alone leave; the rest is the size of what is lit of images."""
     outer_diameter_mm: float
-    """Narrowest tube about the optics, with its wall where the design states one."""
+    """Tube that the design states, wider where parts and walls need it; else the narrowest about the optics."""
     outer_diameter_counts: str
     """Walls that it counts, and the tube as stated, in words."""
     at: tuple[_AtDistance, ...]
@@ -199,7 +199,8 @@ class FirstAnswer:
         more = "; the lens draws the scene smaller there" if self.corner_light > SMALLER else ""
         rows.append(("light in the corner", light, f"of that in the middle of the field{more}"))
         outer = f"{number(self.outer_diameter_mm, 4)} mm"
-        rows.append(("outer diameter", outer, f"narrowest tube about the optics, {self.outer_diameter_counts}"))
+        about = "narrowest tube about the optics," if self.outer_diameter_counts == tube.BARE else "tube"
+        rows.append(("outer diameter", outer, f"{about} {self.outer_diameter_counts}"))
         return tuple(rows)
 
     @property
