@@ -74,7 +74,7 @@ class _ColumnSummary:
 
 
 @dataclass(frozen=True)
-class LimitYield:
+class _LimitYield:
     """One limit alone, over the builds that are cameras."""
 
     label: str
@@ -98,15 +98,15 @@ class Variant:
     """Builds that are no cameras: parts collide, a number is beyond what it can be."""
     faults: tuple[tuple[str, int], ...]
     """Why, in words, and in how many, most first; a build may have several reasons."""
-    limits: tuple[LimitYield, ...]
+    limits: tuple[_LimitYield, ...]
     distributions: tuple[_ColumnSummary, ...]
 
     @property
-    def weakest(self) -> LimitYield:
+    def weakest(self) -> _LimitYield:
         """The limit that fails most often; among those that never fail, the one whose room scatter uses most of."""
         columns = {column.label: column for column in self.distributions}
 
-        def strength(limit: LimitYield) -> tuple[int, float]:
+        def strength(limit: _LimitYield) -> tuple[int, float]:
             column = columns[limit.label]
             told = finite if math.isinf(column.high) or math.isinf(column.nominal) else np.asarray
             here, low, high = (float(told(value)) for value in (column.nominal, column.low, column.high))
@@ -139,7 +139,7 @@ def summarise(plan: TolerancePlan, tally: Tally) -> tuple[Variant, ...]:
                 if tally.faults[v, reason]
             ),
             tuple(
-                LimitYield(
+                _LimitYield(
                     plan.columns[limit.column].label,
                     limit.low,
                     limit.high,

@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     from ...theory.depth_budget import DepthBudget
     from ...theory.length_covariance import CalibratedLengths, LengthCovariance
     from ...tolerancing.study import TolerancePlan
-    from ...tolerancing.summaries import LimitYield, Variant
+    from ...tolerancing.summaries import Variant
 
 SCHEMA = "roslf.datasheet/1"
 SIGMAS = 2.0
@@ -157,9 +157,8 @@ class BuildSpread(NamedTuple):
 
     def share(self, one: Requirement) -> float:
         """Share of the builds that are cameras that meet a requirement: the study's own limit, or the first of them."""
-        ends = (-math.inf if one.min is None else one.min, math.inf if one.max is None else one.max)
         for limit in self.final.limits:
-            if (limit.label, limit.low, limit.high) == (Column(one.quantity, None, one.at_mm).label, *ends):
+            if (limit.label, limit.low, limit.high) == _column(one):
                 return limit.result.value
         builds, good = first_builds(self.plan, MANY)
         with np.errstate(all="ignore"):  # of builds that are no cameras
@@ -168,20 +167,24 @@ class BuildSpread(NamedTuple):
 
     def judged(self, one: Requirement, traced: bool) -> Requirement:
         """Requirement with the share of builds that meet it: met as drawn, no more, below the target yield."""
-        if not _of_builds(one, traced):
-            return replace(one, counts="; ".join(filter(None, (one.counts, "of the nominal design"))))
-        share = self.share(one)
-        words = f"{number(100 * share, 4)} % of builds meet it"
-        judged = replace(one, counts="; ".join(filter(None, (one.counts, words))))
-        if not one.met or share >= self.target:
-            return judged
-        remedy = f"tighter tolerances or adjustments, for {100 * self.target:.4g} % of builds to meet it"
-        only, remedy = (", ".join(filter(None, pair)) for pair in (("as drawn", one.only), (remedy, one.remedy)))
-        return replace(judged, only=only, remedy=remedy)
+        share, words, only, remedy = 1.0, "of the nominal design", one.only, one.remedy
+        if _of_builds(one, traced):
+            share = self.share(one)
+            words = f"{number(100 * share, 4)} % of builds meet it"
+        if one.met and share < self.target:
+            only = ", ".join(filter(None, ("as drawn", only)))
+            more = f"tighter tolerances or adjustments, for {100 * self.target:.4g} % of builds to meet it"
+            remedy = "; ".join(filter(None, (more, remedy)))
+        return replace(one, counts="; ".join(filter(None, (one.counts, words))), only=only, remedy=remedy)
 
     def uncounted(self, required: Iterable[Requirement]) -> list[str]:
         """Labels of what is required but held by no limit of the study, so that its yield does not count it."""
-        return [one.label for one in required if not any(map(partial(_at_least_as_tight, one), self.final.limits))]
+
+        def counted(label: str, low: float, high: float) -> bool:
+            at_fields = (limit for limit in self.final.limits if limit.label.partition("@")[0] == label)
+            return any(low <= limit.low and limit.high <= high for limit in at_fields)
+
+        return [one.label for one in required if not counted(*_column(one))]
 
 
 def _of_builds(one: Requirement, traced: bool) -> bool:
@@ -189,10 +192,10 @@ def _of_builds(one: Requirement, traced: bool) -> bool:
     return one.quantity != "u_z_mm" and not (traced and one.quantity.startswith("field_of_view"))
 
 
-def _at_least_as_tight(one: Requirement, limit: LimitYield) -> bool:
+def _column(one: Requirement) -> tuple[str, float, float]:
+    """Label of a study's column of the quantity, and the ends that are required."""
     low, high = -math.inf if one.min is None else one.min, math.inf if one.max is None else one.max
-    name = limit.label.partition("@")[0]  # at whichever field
-    return name == Column(one.quantity, None, one.at_mm).label and low <= limit.low and limit.high <= high
+    return Column(one.quantity, None, one.at_mm).label, low, high
 
 
 class CalibrationSpread(NamedTuple):
