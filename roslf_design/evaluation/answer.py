@@ -94,12 +94,15 @@ class FirstAnswer:
     """Where single views are sharp; None where pixels are no views."""
     useful_to_mm: float | None
     """Farthest of these at which U is a tenth of the distance at most; None where there is none."""
+    working_range_lengths: str | None
+    """Lengths that the working range counts: "as drawn", "as built" or "as calibrated"; None where pixels are no
+    views."""
     corner_light: float
     """Light at the corner of the field over that in the middle."""
     corner_slant: float
     """Share that light's slant and the lens's mapping alone leave; the rest is the size of what is lit of images."""
     outer_diameter_mm: float
-    """Narrowest tube about the optics, with its wall where the design states one."""
+    """Tube that the design states, wider where parts and walls need it; else the narrowest about the optics."""
     outer_diameter_counts: str
     """Walls that it counts, and the tube as stated, in words."""
     at: tuple[_AtDistance, ...]
@@ -172,8 +175,8 @@ class FirstAnswer:
 
     def within(self, working: WorkingRange) -> FirstAnswer:
         """Answer with another working range, as of lengths as built."""
-        ends, sharp, useful = ranges(working)
-        return replace(self, working_range_mm=ends, sharp_views_mm=sharp, useful_to_mm=useful)
+        ends, sharp, useful, of = ranges(working)
+        return replace(self, working_range_mm=ends, sharp_views_mm=sharp, useful_to_mm=useful, working_range_lengths=of)
 
     @property
     def rows(self) -> tuple[Row, ...]:
@@ -189,13 +192,15 @@ class FirstAnswer:
             ("working distance", f"{number(self.working_distance_mm, 4)} mm", "tip to focal plane"),
         ]
         if self.sharp_views_mm is not None:
-            within = WorkingRange(*self.sharp_views_mm, math.nan if self.useful_to_mm is None else self.useful_to_mm)
-            rows.append(("working range", within.value, within.remark))
+            useful = math.nan if self.useful_to_mm is None else self.useful_to_mm
+            within = WorkingRange(*self.sharp_views_mm, useful, self.working_range_lengths or "")
+            rows.append((within.label, within.value, within.remark))
         light = f"{number(100 * self.corner_light, 3)} %"
         more = "; the lens draws the scene smaller there" if self.corner_light > SMALLER else ""
         rows.append(("light in the corner", light, f"of that in the middle of the field{more}"))
         outer = f"{number(self.outer_diameter_mm, 4)} mm"
-        rows.append(("outer diameter", outer, f"narrowest tube about the optics, {self.outer_diameter_counts}"))
+        about = "narrowest tube about the optics," if self.outer_diameter_counts == tube.BARE else "tube"
+        rows.append(("outer diameter", outer, f"{about} {self.outer_diameter_counts}"))
         return tuple(rows)
 
     @property

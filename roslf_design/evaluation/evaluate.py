@@ -46,7 +46,7 @@ from .groups import (
     SeenPart,
     Temperatures,
 )
-from .required import requirements
+from .required import Requirement, requirements
 from .result import Evaluation
 from .specification import FieldImages, depth_assumptions
 from .verdicts import buildable, verdicts_of, warnings_of
@@ -202,10 +202,15 @@ def held_as_built(result: Evaluation, design: Design, build: LengthCovariance) -
     camera = Camera.of(design)
     budget = partial(depth_budget, camera, build=build)
     required = requirements(design, camera, result.answer.field_of_view_deg, budget)
-    asked = {one.verdict.name: one.verdict for one in required}
-    verdicts = tuple(asked.get(verdict.name, verdict) for verdict in result.verdicts)
     answer = result.answer.within(WorkingRange.of(camera, budget)) if result.answer.sharp_views_mm else result.answer
-    return replace(result, required=required, verdicts=verdicts, answer=answer)
+    return held_to(replace(result, answer=answer), required)
+
+
+def held_to(result: Evaluation, required: Sequence[Requirement]) -> Evaluation:
+    """An evaluation with these of its requirements, each in its place, and their verdicts."""
+    asked = iter([one.verdict for one in required])
+    verdicts = (next(asked) if verdict.name.startswith("required_") else verdict for verdict in result.verdicts)
+    return replace(result, required=tuple(required), verdicts=tuple(verdicts))
 
 
 def at_temperature(design: Design, temperature: float | str | None) -> Design:

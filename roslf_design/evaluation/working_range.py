@@ -35,19 +35,27 @@ class WorkingRange(NamedTuple):
     """Farthest at which they are."""
     useful_to: float
     """Farthest of these at which U is a tenth of the distance at most; infinite without end, NaN if none is."""
+    lengths: str = "as drawn"
+    """How its budget of depth takes lengths."""
 
     @classmethod
     def of(cls, camera: Camera, budget: BudgetAt | None = None) -> WorkingRange:
         """Range of a camera, by its budget of depth; None is that of its lengths as drawn."""
         near, far = (float(end) for end in depth_of_field(camera, "view"))
-        return cls(
-            near, far, _useful_to(budget or partial(depth_budget, camera), near, float(focus_ahead(camera)), far)
-        )
+        focus = float(focus_ahead(camera))
+        start = focus if 0 < focus < math.inf else FAR
+        budget = budget or partial(depth_budget, camera)
+        return cls(near, far, _useful_to(budget, near, start, far), budget(start).lengths)
 
     @property
     def ends(self) -> tuple[float, float] | None:
         """Near and far end; None where depth is of little use wherever views are sharp."""
         return (self.near, min(self.sharp_to, self.useful_to)) if self.useful_to > self.near else None
+
+    @property
+    def label(self) -> str:
+        """Name of the line on it, which says of which lengths it is."""
+        return f"working range, {self.lengths}"
 
     @property
     def value(self) -> str:
@@ -66,11 +74,12 @@ class WorkingRange(NamedTuple):
 
 def ranges(
     within: WorkingRange | None,
-) -> tuple[tuple[float, float] | None, tuple[float, float] | None, float | None]:
-    """Working range, range in which views are sharp, and how far depth is of use; None for what there is not."""
+) -> tuple[tuple[float, float] | None, tuple[float, float] | None, float | None, str | None]:
+    """Working range, range of sharp views, how far depth is of use and by which lengths; None for what there is not."""
     if within is None:
-        return None, None, None
-    return within.ends, (within.near, within.sharp_to), None if math.isnan(within.useful_to) else within.useful_to
+        return None, None, None, None
+    useful = None if math.isnan(within.useful_to) else within.useful_to
+    return within.ends, (within.near, within.sharp_to), useful, within.lengths
 
 
 def _from_to(near: float, far: float) -> str:
@@ -85,7 +94,7 @@ def _useful_to(budget: BudgetAt, near: float, focus: float, far: float) -> float
         u = float(budget(math.exp(at)).expanded_mm) / (TENTH * math.exp(at))
         return min(max(math.log(u), -LARGE), LARGE) if u > 0 else -LARGE
 
-    start = math.log(focus if 0 < focus < math.inf else FAR)
+    start = math.log(focus)
     low, end = (start - REACH if near <= 0 else math.log(near)), (math.log(far) if far < math.inf else start + REACH)
     useful, below = start, excess(start)
     high, above = start, below

@@ -400,7 +400,8 @@ def _margin(evaluation: Evaluation, name: str) -> str:
         apart, across = sampling.views_independent, f"{short(sampling.views_geometric, 2)} px"
         return f"all {across}" if apart >= sampling.views_geometric else f"{short(apart, 2)} in {across}"
     if name == "fits_tube":
-        return f"needs {short(evaluation.answer.outer_diameter_mm, 3)} mm"
+        word = "needs" if "too narrow" in evaluation.answer.outer_diameter_counts else "fits"
+        return f"{word} {short(evaluation.answer.outer_diameter_mm, 3)} mm"
     if name == "pupil_imaged":
         return "focused (2.0)"
     if name == "corner_lit":

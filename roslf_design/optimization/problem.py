@@ -24,7 +24,7 @@ from ..camera import TIP, Camera, Number
 from ..design import PATHS, Design
 from ..lenses.glass import Glass
 from ..theory.light import sensor_field
-from ..theory.tube import housed
+from ..theory.tube import OUTER, housed
 from ..tolerancing.draws import sobol_points
 from .goals import SIGNS, UNDISTORTED, Constraint, Goal, Side
 from .lens_variables import FOCAL, VariedLens
@@ -277,7 +277,8 @@ class DesignProblem:
         if widest:
             housing = constraint.quantity.name == "outer_diameter_mm"
             openings = [rim for rim in self.base.openings if rim.size_places]
-            of_what = [f" ({part.name})" for part in housed(self.base)] if housing else [""] * len(openings)
+            inside = [*(part.name for part in housed(self.base)), *(["tube"] if OUTER in self.base.numbers else [])]
+            of_what = [f" ({name})" for name in inside] if housing else [""] * len(openings)
         for side, limit in constraint.limits.items():
             words = f"{SIGNS[side]} {constraint.with_unit(limit)}"
             for end in ("min", "max") if side == "equal" else (side,):

@@ -212,8 +212,8 @@ def _builds_alone(
     seed: int | None = None,
 ) -> BuildSpread:
     """The trials of a tolerance study without its analyses; arguments as of `_run_tolerances`."""
-    plan, *_ = tolerance_plan(_seeded(data, seed), design, folder, origin)
-    return BuildSpread(plan, summarise(plan, _tally(plan, progress))[-1])
+    plan, study, _ = tolerance_plan(_seeded(data, seed), design, folder, origin)
+    return BuildSpread(plan, summarise(plan, _tally(plan, progress))[-1], study.yield_target)
 
 
 def run_optimisation(
@@ -322,7 +322,7 @@ def study_report(
     else:
         tolerances = _run_tolerances(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
         design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
-        built = BuildSpread(tolerances.plan, tolerances.final)
+        built = BuildSpread(tolerances.plan, tolerances.final, tolerances.study.yield_target)
     grounds = basis(design, built, at=at)
     findings, build = _first_look(design, seed or 0, progress, findings, grounds.build, at)
     grounds = grounds._replace(looked=build)
@@ -475,7 +475,7 @@ def _basis_of(story: _Story, parts: Sequence[_Walked], at: Sequence[float] = ())
             case BuildSpread() as tolerances:
                 built = tolerances
             case StudyResult() as result:
-                built = BuildSpread(result.plan, result.final)
+                built = BuildSpread(result.plan, result.final, result.study.yield_target)
             case PlanOptions() as asked:
                 lengths = planned_lengths(design, asked)
                 known = None if lengths is None else CalibrationSpread("as planned", design, lengths)

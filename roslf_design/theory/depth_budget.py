@@ -109,6 +109,12 @@ class DepthBudget:
         return BUILT in [term.name for term in self._lacking]
 
     @property
+    def lengths(self) -> str:
+        """How it takes lengths: as drawn, as built or as calibrated."""
+        names = [term.name for term in self.terms]
+        return "as drawn" if self.as_drawn else "as calibrated" if CALIBRATED in names else "as built"
+
+    @property
     def counted(self) -> str:
         """Sources that the sum is of, and those that it is without; the caution."""
         names = [term.name for term in self.terms if term.u_mm is not None and np.any(term.u_mm)]

@@ -275,8 +275,9 @@ def _views_remark(c: Camera) -> str:
 
 def _tube_remark(c: Camera) -> str:
     unfolded = ", unfolded" if c.chain.folding else ""
-    mounts = tube.walls(c) if tube.OUTER in c.numbers else "mounts come on top"
-    return f"of the narrowest tube about clear apertures and sensor{unfolded}; {mounts}"
+    if tube.OUTER in c.numbers:
+        return f"of the tube about clear apertures and sensor{unfolded}; {tube.walls(c)}"
+    return f"of the narrowest tube about clear apertures and sensor{unfolded}; mounts come on top"
 
 
 def _length_remark(c: Camera) -> str:
@@ -904,7 +905,7 @@ _register(
     Quantity(
         "outer_diameter_mm",
         "mm",
-        "of the narrowest tube about all that lies in it, sensor by its diagonal; with its wall where one is stated",
+        "of the tube that is stated, wider where parts and walls need it; else the narrowest, sensor by diagonal",
         lambda c, _: tube.outer_diameters(c),
         worst=_greatest,
         monotone=False,

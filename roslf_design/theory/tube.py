@@ -13,6 +13,8 @@ from ..camera import Camera
 from ..design import PATHS
 from ..words import number
 
+BARE = "without its wall"
+"""Words on a tube that no design states."""
 WALL, LENGTH, OUTER = "tube.wall", "tube.length", "tube.outer_diameter"
 
 
@@ -63,14 +65,21 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
 def walls(c: Camera) -> str:
     """Walls that the outer diameter counts, in words, and the tube as the design states it."""
     if OUTER not in c.numbers:
-        return "without its wall"
-    outer, wall, narrowest = float(c[OUTER]), float(c[WALL]), float(np.max(outer_diameters(c)))
-    room = f"clearance {number(outer - narrowest, 3, 1e-9)} mm" if outer >= narrowest * (1 - 1e-9) else "too narrow"
-    counted = f"with its wall: parts of {number(narrowest - 2 * wall, 4)} mm, walls of {number(wall, 4)} mm"
-    return f"{counted}; tube {number(outer, 4)} mm as stated, {room}"
+        return BARE
+    outer, wall, narrowest = float(c[OUTER]), float(c[WALL]), float(np.max(_about(c)))
+    parts = f"parts of {number(narrowest - 2 * wall, 4)} mm and walls of {number(wall, 4)} mm"
+    if outer < narrowest * (1 - 1e-9):
+        return f"with its wall: {parts}; {number(outer, 4)} mm as stated is too narrow"
+    return f"as stated: {parts}, clearance {number(outer - narrowest, 3, 1e-9)} mm"
 
 
 def outer_diameters(c: Camera) -> Array:
+    """Outer diameter of a tube about each of `housed`, last of the tube that is stated, if one is [mm]: (K, ...)."""
+    about = _about(c)
+    return np.stack(np.broadcast_arrays(*about, *([c.numbers[OUTER]] if OUTER in c.numbers else [])))
+
+
+def _about(c: Camera) -> Array:
     """Outer diameter of a tube about each of `housed` [mm], shape (K, ...); for what lies behind it, about the FAP."""
     parts, wall = housed(c), c.numbers.get(WALL, 0.0)
     fap = parts[0].width

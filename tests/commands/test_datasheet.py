@@ -11,6 +11,7 @@ import roslf_design as roslf
 from roslf_design.calibration.options import PlanOptions, planned_lengths
 from roslf_design.camera import Camera
 from roslf_design.drawing.marks import Dots
+from roslf_design.evaluation.evaluate import held_to
 from roslf_design.reporting import story
 from roslf_design.reporting.blocks import Report
 from roslf_design.reporting.sheet import lines as datasheet
@@ -95,6 +96,13 @@ def test_what_is_required_says_how_many_builds_meet_it(tmp_path, capsys, monkeyp
     assert across["two_sigma"] > 0
     assert fill["remark"].endswith("100 % of builds meet it")  # the study's own limit
     assert depth["remark"].endswith("of the nominal design")
+    assert across["remark"].startswith("~ met as drawn: at least")  # below the target yield
+    assert fill["remark"].startswith("met: ")
+    basis = json.loads((tmp_path / "a.json").read_text())["basis"]
+    assert f"its yield does not count: {across['name']} and {depth['name']}, as required" in basis
+    grounds = story.datasheet_of(tmp_path / "study.toml")
+    result = held_to(roslf.evaluate(tmp_path / "design.toml", build=grounds.build), grounds.required)
+    assert [one.level for one in result.verdicts if one.name.startswith("required")] == ["limit", "good", "good"]
     assert run(capsys, "tolerance", tmp_path / "study.toml", "-o", tmp_path / "fill")[0] == 0
     assert json.loads((tmp_path / "fill/results.json").read_text())["yield"]["left_out"] == ""  # no goal of depth
     (tmp_path / "study.toml").write_text(study + '[[goals]]\nmetric = "u_z_mm"\nmax = 9\n')
@@ -119,11 +127,11 @@ def test_the_sheet_one_signs_names_its_design_and_ends_where_depth_is_of_little_
     lines = {line["name"]: line for line in told["lines"]}
     assert lines["evenly lit"]["text"] == "yes"
     near, far = told["specification"]["working_range_mm"]
-    assert [lines[f"working range, {end}"]["value"] for end in ("near", "far")] == [near, far]
+    assert [lines[f"working range, as drawn, {end}"]["value"] for end in ("near", "far")] == [near, far]
     # Of the paper's bench views blur long before depth is of no use.
     assert [near, far] == told["specification"]["depth_of_field_mm"]["view"]
     scope = datasheet.basis(roslf.load("rigid-scope"))
-    (useful,) = (line.value for line in scope.rows if line.name == "working range, far")
+    (useful,) = (line.value for line in scope.rows if line.name == "working range, as drawn, far")
     camera = roslf.Camera.of(scope.design)
     assert float(depth_budget(camera, useful).expanded_mm) <= 0.1 * useful
     assert all(float(depth_budget(camera, far * useful).expanded_mm) > 0.1 * far * useful for far in (1.01, 2.0, 20.0))

@@ -44,8 +44,8 @@ def test_a_working_range_ends_where_depth_is_of_little_use():
     shaky = roslf.evaluate(scope.replace({"depth.disparity_error": 5.0})).answer
     assert (shaky.working_range_mm, shaky.useful_to_mm, shaky.sharp_views_mm) == (None, None, answer.sharp_views_mm)
     told = {name: (value, remark) for name, value, remark in shaky.rows}
-    assert told["working range"][0] == "none"
-    assert "but U is 10 % of the distance or more there" in told["working range"][1]
+    assert told["working range, as drawn"][0] == "none"
+    assert "but U is 10 % of the distance or more there" in told["working range, as drawn"][1]
 
 
 def test_a_darker_corner_is_told_with_its_stops():

@@ -88,13 +88,18 @@ def test_depth_that_is_required_says_what_it_counts_as_the_budget_has_it():
     assert given.counts == "of disparity error, without lengths as built and temperature"  # it has the others in it
 
 
-def test_an_outer_diameter_that_is_required_says_which_walls_it_has():
+def test_an_outer_diameter_that_is_required_is_that_of_the_tube_stated():
     tube = asked('outer_diameter_mm = {max = "4 mm"}').replace({"tube": {"outer_diameter": 4.0, "wall": 0.1}})
     result = roslf.evaluate(tube)
-    assert result.required[0].value == pytest.approx(3.0 + 2 * 0.1)
-    says = "with its wall: parts of 3 mm, walls of 0.1 mm; tube 4 mm as stated, clearance 0.8 mm"
+    assert (result.required[0].value, result.answer.outer_diameter_mm) == (4.0, 4.0)
+    says = "as stated: parts of 3 mm and walls of 0.1 mm, clearance 0.8 mm"
     assert says in result.verdicts[0].text
     assert result.required[0].counts == result.answer.outer_diameter_counts == says
+    assert ("outer diameter", "4 mm", f"tube {says}") in result.answer.rows
+    assert roslf.evaluate(tube.replace({"tube.outer_diameter": 4.2})).verdicts[0].level == "fault"
+    narrow = roslf.evaluate(tube.replace({"tube.outer_diameter": 3.1}))  # than the parts: it cannot be had
+    assert narrow.required[0].value == pytest.approx(3.0 + 2 * 0.1)
+    assert "3.1 mm as stated is too narrow" in narrow.required[0].counts
 
 
 def test_a_range_of_working_distances_is_held_to_where_views_are_sharp():

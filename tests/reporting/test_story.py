@@ -278,6 +278,15 @@ def test_a_required_depth_counts_the_builds_of_the_first_look(without_figures, f
     assert f" is {required[1]} (of " in told.text
     assert "figure to quote" not in tables["Depth, expected"].caption
     assert "Lengths as built are not in it (as a first look builds them, U = " in tables["Depth, expected"].caption
+    assert "believe these, which the working range and required depths count" in tables["Depth, expected"].caption
+    names = [row[0] for table in ("Distances", "Depth, expected") for row in tables[table].rows]
+    assert ("standard uncertainty u, as drawn" in names, "standard uncertainty u, as built" in names) == (True, False)
+    glance = next(table for table in blocks(report, Table) if table.title == "What it sees")
+    for told in (names, [row[0] for row in glance.rows]):
+        ranges = [name for name in told if name.startswith("working range")]
+        assert ranges
+        assert all("as built" in name for name in ranges)
+    assert evaluate(asked).answer.working_range_lengths == "as drawn"
     assert evaluate(asked).verdicts[0].text.startswith("met as drawn: ")
 
 

@@ -12,7 +12,7 @@ from ...camera import Camera
 from ...design import dumps
 from ...design.files import WRITTEN
 from ...evaluation import evaluate
-from ...evaluation.evaluate import evaluation_accuracy, held_as_built
+from ...evaluation.evaluate import evaluation_accuracy, held_as_built, held_to
 from ...evaluation.result import (
     absent_effects,
     answer_tables,
@@ -133,6 +133,8 @@ def design_report(
         built = [depth_budget(Camera.of(design), at, build=looked) for at in (None, *grounds.at)]
         result = held_as_built(result, design, looked)
         grounds = told_as_built(grounds, result.required)
+    if grounds.required:
+        result = held_to(result, grounds.required)
     known = grounds.known
     figures = _design_figures(design, result, known, progress)
     progress("sections")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,7 +16,7 @@ from ...camera import Camera
 from ...design import dumps
 from ...evaluation.answer import FirstAnswer
 from ...evaluation.required import Requirement, requirements
-from ...evaluation.result import depth_basis, focused_table
+from ...evaluation.result import MARKS, depth_basis, focused_table
 from ...evaluation.specification import (
     CRITERION,
     LEVELS,
@@ -42,7 +42,7 @@ from ...theory.stop_images import MicrolensImages
 from ...tolerancing.metrics import Column
 from ...tolerancing.trials import first_builds, lengths_built
 from ...traced.fields import IdealImages
-from ...words import number
+from ...words import listed, number
 from ..blocks import Block, Figure, Paragraph, Report, Section, Table
 from ..design.curves import KnownLengths
 from ..design.figures import depth_figure, dimensions_sheet, glance
@@ -81,6 +81,7 @@ HALF_PAGE = 520.0
 """Height up to which a drawing leaves room for another on its page [px]."""
 NONE = "–"
 """Revision or date where none is given."""
+OWN_LIMITS = "The study's limits leave out, and its yield does not count: "
 NOMINAL = "Nominal values: no tolerance study is at hand."
 TILTED = "Parts are tilted; the data sheet is of the straight ones, but for what tilted stops cut."
 
@@ -129,6 +130,8 @@ class BuildSpread(NamedTuple):
     plan: TolerancePlan
     final: Variant
     """After adjustment, where anything is adjusted."""
+    target: float
+    """Yield that the study is to reach."""
 
     def deviations(self, rows: Iterable[_SheetLine]) -> dict[str, float]:
         """Standard deviations by a line's key: over all builds where the study has it, or over the first of them."""
@@ -154,14 +157,45 @@ class BuildSpread(NamedTuple):
 
     def share(self, one: Requirement) -> float:
         """Share of the builds that are cameras that meet a requirement: the study's own limit, or the first of them."""
-        ends = (-math.inf if one.min is None else one.min, math.inf if one.max is None else one.max)
         for limit in self.final.limits:
-            if (limit.label, limit.low, limit.high) == (Column(one.quantity, None, one.at_mm).label, *ends):
+            if (limit.label, limit.low, limit.high) == _column(one):
                 return limit.result.value
         builds, good = first_builds(self.plan, MANY)
         with np.errstate(all="ignore"):  # of builds that are no cameras
             held = one.holds(QUANTITIES[one.quantity](builds.camera, one.at_mm))
         return float(np.mean(np.broadcast_to(held, good.shape)[good]))
+
+    def judged(self, one: Requirement, traced: bool) -> Requirement:
+        """Requirement with the share of builds that meet it: met as drawn, no more, below the target yield."""
+        share, words, only, remedy = 1.0, "of the nominal design", one.only, one.remedy
+        if _of_builds(one, traced):
+            share = self.share(one)
+            words = f"{number(100 * share, 4)} % of builds meet it"
+        if one.met and share < self.target:
+            only = ", ".join(filter(None, ("as drawn", only)))
+            more = f"tighter tolerances or adjustments, for {100 * self.target:.4g} % of builds to meet it"
+            remedy = "; ".join(filter(None, (more, remedy)))
+        return replace(one, counts="; ".join(filter(None, (one.counts, words))), only=only, remedy=remedy)
+
+    def uncounted(self, required: Iterable[Requirement]) -> list[str]:
+        """Labels of what is required but held by no limit of the study, so that its yield does not count it."""
+
+        def counted(label: str, low: float, high: float) -> bool:
+            at_fields = (limit for limit in self.final.limits if limit.label.partition("@")[0] == label)
+            return any(low <= limit.low and limit.high <= high for limit in at_fields)
+
+        return [one.label for one in required if not counted(*_column(one))]
+
+
+def _of_builds(one: Requirement, traced: bool) -> bool:
+    """Whether a study's builds, of a real lens cameras of thin twins, tell how many of them meet a requirement."""
+    return one.quantity != "u_z_mm" and not (traced and one.quantity.startswith("field_of_view"))
+
+
+def _column(one: Requirement) -> tuple[str, float, float]:
+    """Label of a study's column of the quantity, and the ends that are required."""
+    low, high = -math.inf if one.min is None else one.min, math.inf if one.max is None else one.max
+    return Column(one.quantity, None, one.at_mm).label, low, high
 
 
 class CalibrationSpread(NamedTuple):
@@ -206,6 +240,8 @@ class SpreadSources(NamedTuple):
     calibration: CalibratedLengths | None = None
     at: tuple[float, ...] = ()
     """Distances ahead of the tip that lines were asked for [mm]."""
+    required: tuple[Requirement, ...] = ()
+    """Requirements as builds meet them, where a tolerance study gives them."""
     looked: LengthCovariance | None = None
     """Lengths as a first look builds them: of the page the verdict on a required depth alone counts them."""
 
@@ -230,20 +266,20 @@ def _lines(
     sheet: Specification,
     budgets: Mapping[float | None, DepthBudget],
     required: Iterable[Requirement],
-    built: BuildSpread | None,
+    traced: bool,
 ) -> Iterator[_SheetLine]:
     """Lines of the page; budgets of depth are by distance, of the focal plane by None."""
     design = shown.design
     camera = Camera.of(design)
-    traced = design.lens is not None  # whose builds are cameras of thin twins
-    yield from _required_lines(required, built, traced)
+    yield from _required_lines(required, traced)
     pupil, _, tip, *_ = sheet.field_of_view_deg  # of the rays that a real lens lets through
     ways = {"": "diagonal", "width_": "width", "height_": "height"}
     angles = {f"field_of_view_{part}deg": getattr(pupil, way) for part, way in ways.items()}
     angles |= {f"tip_field_of_view_{part}deg": getattr(tip, way) for part, way in ways.items()}
     yield from _whole_camera("Field of view", camera, angles)
     near, far = sheet.depth_of_field_mm.view
-    yield from _range_lines(WorkingRange(near, far, math.nan if sheet.useful_to_mm is None else sheet.useful_to_mm))
+    useful = math.nan if sheet.useful_to_mm is None else sheet.useful_to_mm
+    yield from _range_lines(WorkingRange(near, far, useful, budgets[None].lengths))
     yield from _whole_camera("Distances", camera, {})
     yield from _expected_lines(budgets)
     yield from _depth_lines(sheet, traced)
@@ -308,17 +344,15 @@ def _lines(
     yield _SheetLine("Body", PARTS, None, "", parts, text=str(len(sheet.parts)))
 
 
-def _required_lines(required: Iterable[Requirement], built: BuildSpread | None, traced: bool) -> Iterator[_SheetLine]:
-    """Lines on what the design file asks for, met or not, and by how many builds where a study has them."""
+def _required_lines(required: Iterable[Requirement], traced: bool) -> Iterator[_SheetLine]:
+    """Lines on what the design file asks for, met or not, with the mark of a warning where met with a reservation."""
     for one in required:
-        of_builds = one.quantity != "u_z_mm" and not (traced and one.quantity.startswith("field_of_view"))
+        of_builds = _of_builds(one, traced)
         of, own = None, one.quantity if of_builds else ""
         if of_builds and one.at_mm is not None:
             of, own = partial(_at_distance, QUANTITIES[one.quantity], one.at_mm, 1.0), ""
-        told = [f"{one.outcome}: {one.limits}", one.counts]
-        if built is not None:
-            share = f"{number(100 * built.share(one), 4)} % of builds meet it" if of_builds else "of the nominal design"
-            told.append(share)
+        mark = f"{MARKS['limit']} " if one.met and one.only else ""
+        told = [f"{mark}{one.outcome}: {one.limits}", one.counts]
         text = "none" if one.value is None else ""
         yield _SheetLine(REQUIRED, one.label, one.value, one.unit, "; ".join(filter(None, told)), own, text, of)
 
@@ -326,19 +360,21 @@ def _required_lines(required: Iterable[Requirement], built: BuildSpread | None, 
 def _range_lines(within: WorkingRange) -> Iterator[_SheetLine]:
     """Lines on both ends of the working range, or that there is none."""
     if within.ends is None:
-        yield _SheetLine("Distances", RANGE, None, "", within.remark, "", within.value)
+        yield _SheetLine("Distances", within.label, None, "", within.remark, "", within.value)
         return
     near, far = within.ends
     sharp = "view_depth_of_field_{}_mm"  # whose scatter over builds is an end's where sharpness ends it
-    yield _SheetLine("Distances", f"{RANGE}, near", near, "mm", "where single views are sharp", sharp.format("near"))
+    yield _SheetLine(
+        "Distances", f"{within.label}, near", near, "mm", "where single views are sharp", sharp.format("near")
+    )
     own = "" if far < within.sharp_to else sharp.format("far")
-    yield _SheetLine("Distances", f"{RANGE}, far", far, "mm", within.remark, own)
+    yield _SheetLine("Distances", f"{within.label}, far", far, "mm", within.remark, own)
 
 
 def told_as_built(grounds: SpreadSources, required: Sequence[Requirement]) -> SpreadSources:
     """Sources whose lines on the working range and on a required depth count lengths as a first look builds them."""
     count, looked, camera = len(required), "; lengths as a first look builds them", Camera.of(grounds.design.thin_twin)
-    told = zip(required, grounds.rows[:count], _required_lines(required, None, False), strict=True)
+    told = zip(required, grounds.rows[:count], _required_lines(required, False), strict=True)
     rows = [new._replace(remark=new.remark + looked) if one.quantity == "u_z_mm" else old for one, old, new in told]
     within = _range_lines(WorkingRange.of(camera, partial(depth_budget, camera, build=grounds.looked)))
     others = grounds.rows[count:]
@@ -371,8 +407,12 @@ def _expected_lines(budgets: Mapping[float | None, DepthBudget]) -> Iterator[_Sh
     budget = budgets[None]
     u, largest = float(budget.u_z_mm), budget.mostly
     missing = "" if math.isfinite(u) else "none"
-    yield _SheetLine(EXPECTED, f"expanded uncertainty U, k = {COVERAGE}", COVERAGE * u, "mm", largest, "", missing)
-    yield _SheetLine(EXPECTED, "standard uncertainty u", u, "mm", "68 of 100 lie within", "", missing)
+    yield _SheetLine(
+        EXPECTED, f"expanded uncertainty U, k = {COVERAGE}, {budget.lengths}", COVERAGE * u, "mm", largest, "", missing
+    )
+    yield _SheetLine(
+        EXPECTED, f"standard uncertainty u, {budget.lengths}", u, "mm", "68 of 100 lie within", "", missing
+    )
     for at, there in budgets.items():
         if at is not None:
             expanded, mostly = float(there.expanded_mm), there.mostly
@@ -494,13 +534,17 @@ def basis(
     sheet, sentences = specification(design, at, shown, budget), []
     budgets = {far: budget(far) for far in (None, *at)}
     required = requirements(shown.design, twin, sheet.field_of_view_deg[0], budget)
-    lines = tuple(_lines(shown, sheet, budgets, required, built))
+    traced = design.lens is not None  # whose builds are cameras of thin twins
+    judged = () if built is None else tuple(built.judged(one, traced) for one in required)
+    lines = tuple(_lines(shown, sheet, budgets, judged or required, traced))
     rows = tuple(line for line in lines if sheet.has_views or not line.of_views)
     if built is not None:
+        lacking = built.uncounted(required)
         share, (low, high) = 100 * built.final.result.value, built.final.result.interval
         sentences.append(
             f"Tolerances are two standard deviations over {built.plan.trials} Monte Carlo units (builds) of the study "
             f"{built.plan.name}; yield {share:.2f} % (95 % interval {100 * low:.2f} to {100 * high:.2f} %). "
+            + (f"{OWN_LIMITS}{listed(lacking)}, as required. " if lacking else "")
             + (f"{lost} Tolerances are of the others. " if (lost := impossible_words(built.final)) else "")
             + "Lines that the study does not "
             f"report go by the first {MANY} builds, those at a distance or a field by {FEW}."
@@ -521,7 +565,7 @@ def basis(
     # about 0, as the direction of view.
     for key in calibrated.keys() & sigma.keys():
         calibrated[key] = min(calibrated[key], sigma[key]) if calibrated[key] > KINK * sigma[key] else sigma[key]
-    return SpreadSources(tuple(sentences), sigma, calibrated, sheet, shown, rows, build, lengths, tuple(at))
+    return SpreadSources(tuple(sentences), sigma, calibrated, sheet, shown, rows, build, lengths, tuple(at), judged)
 
 
 def _value(line: _SheetLine) -> str:
@@ -545,7 +589,11 @@ def _quoted(grounds: SpreadSources) -> str:
     looked = ""
     if grounds.looked is not None:
         budget = depth_budget(Camera.of(grounds.design.thin_twin), build=grounds.looked)
-        looked = f" (as a first look builds them, U = {number(float(budget.expanded_mm), 3)} mm)"
+        u, expanded = (number(float(mm), 3) for mm in (budget.u_z_mm, budget.expanded_mm))
+        looked = (
+            f" (as a first look builds them, U = {expanded} mm and u = {u} mm: believe these, which the working range "
+        )
+        looked += "and required depths count)"
     return (
         f"of lengths as drawn. Lengths as built are not in it{looked}: quote it of no camera, but the figure of a "
         "tolerance study's sheet (`roslf datasheet` of the study) or, after a calibration, of the sheet with it "
