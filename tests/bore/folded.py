@@ -87,8 +87,12 @@ class Folded:
         return named[id(part)]
 
     def outwards(self, points, ways):
-        """Rays from the main lens's plane on: points and unit directions at the end, who took each (-1: nobody)."""
+        """Rays from the main lens's plane on: points and unit directions at the end, who took each (-1: nobody).
+
+        `behind` tells afterwards which of them came to a mirror's back, where no light travels.
+        """
         points, ways = np.array(points, float), np.array(ways, float)
+        axis, self.behind = np.array([0.0, 0.0, -1.0]), np.zeros(len(points), bool)
         ways /= np.linalg.norm(ways, axis=-1, keepdims=True)
         took, where = np.full(len(points), -1), []
         for number, part in enumerate(self.parts):
@@ -99,6 +103,8 @@ class Folded:
             out = np.linalg.norm(points - part["centre"], axis=-1) > part["radius"]
             took = np.where((took < 0) & out, number, took)
             if part["kind"] == "mirror":
+                self.behind |= (ways @ normal) * (axis @ normal) <= 0
+                axis = axis - 2 * (axis @ normal) * normal
                 ways = ways - 2 * (ways @ normal)[:, None] * normal
             elif part["kind"] == "face":
                 before, after = part["ratio"]
