@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, Protocol
 
@@ -202,6 +202,9 @@ class ArrayGeometry:
 
     def viewing(self, like: LightField) -> Viewing:
         """By each view's own light."""
+        if self.traced is not None:
+            # Light falls by the pitch of first order; traced images lie a little closer together or farther apart.
+            like = replace(like, pitch=abs(float(microlens_image_pitch(self.camera) / self.camera.q)))
         return _ArrayViewing(ViewLight(self.camera, like, self.traced), self.traced)
 
     def places(self, field: LightField) -> Array:

@@ -114,7 +114,7 @@ class TracedViews:
         if (opening := self.mounted.fap.opening).straight:  # whose corners the rings, too, are to reach
             points = np.stack(opening.places(*2 * points.T), -1) / opening.width @ _turned(self.design).T
         looks, good = self.view_coordinates(places, points)
-        image = self.images(places)
+        image, _, _ = self.image_maps(microlenses(self.design, places))
         # Polynomials over the pupil at each place, then over the places what these are made of.
         over_pupil = np.linalg.pinv(_over_pupil(points.T).T)
         degree = _degree(int(good.sum()), FIELD_DEGREE)
@@ -196,21 +196,9 @@ class TracedViews:
         return np.where(through, pupil, np.eye(2)), np.where(through, aside, 0.0)
 
     def images(self, places: Array) -> Array:
-        """Images at places in the array's frame (n, 2) [mm] against those by first order, as `TracedLens` has it.
-
-        Over how far they lie from their neighbours': an aberrated pupil brings them nearer, and they overlap more.
-        """
-        c, turned = microlenses(self.design, places), _turned(self.design)
-        image, _, good = self.image_maps(c)
-        beside = AROUND * np.concatenate([np.eye(2), -np.eye(2)]) * float(self.camera.d)
-        there = microlenses(self.design, (places + beside[:, None]).reshape(-1, 2))
-        _, shift, comes = self.image_maps(there)
-        middle = sensor_of_pupil(self.mounted, there, self.mounted.fap.centre).sensor + shift
-        before, after = (middle @ turned.T).reshape(2, 2, len(c), 2)
-        apart = np.moveaxis(before - after, 0, 1) / (2 * AROUND * float(microlens_image_pitch(self.camera)))
-        good &= comes.reshape(4, -1).all(0)
-        every = good[:, None, None]
-        return np.asarray(np.where(every, image, np.eye(2)) @ np.linalg.inv(np.where(every, apart, np.eye(2))))
+        """Images at places in the array's frame (n, 2) [mm] against those by first order, as `TracedLens` has it."""
+        image, _, good = self.image_maps(microlenses(self.design, places))
+        return np.where(good[:, None, None], image, np.eye(2))
 
     def aside(self, places: Array, pupil: Array) -> Array:
         """How far to the side views from points on the FAP see, as `TracedLens` has it."""

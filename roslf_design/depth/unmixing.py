@@ -76,10 +76,7 @@ class TracedLens(Protocol):
         """Images cut as rays have it."""
 
     def images(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Images at places on the array (n, 2) [mm] against those of an ideal lens, as `image_parts` takes them.
-
-        Both over the distances between neighbours' images.
-        """
+        """Images at places on the array (n, 2) [mm] against those of an ideal lens, as `image_parts` takes them."""
 
     def aside(self, places: NDArray[np.float64], pupil: NDArray[np.float64]) -> NDArray[np.float64]:
         """How far to the side views from points on the FAP (2, n, ...) [diameters] see there [pitches]; likewise."""

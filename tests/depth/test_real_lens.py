@@ -98,13 +98,8 @@ def test_views_look_where_snell_sends_them(design, place):
     rim = 0.5 * np.stack([np.cos(turn), np.sin(turn)], -1)
     small = 1e-3 * rim
     ideal = np.linalg.lstsq(small, oracle.seeing(np.zeros(2), fap.diameter * small), rcond=None)[0]
-    # The ideal is the lens's own image near the axis, but for its last digits. Neighbours' images lie nearer, too,
-    # where the pupil is aberrated: how images overlap hangs on both.
-    across, steps = 2 * design.d, np.eye(2)
-    apart = [oracle.image(place + across * way)[0] - oracle.image(place - across * way)[0] for way in steps]
-    apart = np.stack(apart) / (2 * across * float(microlens_image_pitch(camera) / camera.d))
-    expected = np.linalg.solve(ideal, ellipse) @ np.linalg.inv(apart)
-    np.testing.assert_allclose(traced.images(place[None])[0], expected, atol=1e-5)
+    # The ideal is the lens's own image near the axis, but for its last digits.
+    np.testing.assert_allclose(traced.images(place[None])[0], np.linalg.solve(ideal, ellipse), atol=1e-5)
     # Samples on that ellipse of other microlenses see what the first one sees, at two distances.
     points = 0.45 * np.array([[1.0, 0.0], [0.0, 1.0], [-0.6, 0.7]])
     (seen, aside), good = traced.view_coordinates(place[None], points)
