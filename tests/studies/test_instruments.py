@@ -103,7 +103,7 @@ def test_the_vesicles_white_frame_is_measured_and_predicted(rows):
     """Diffraction's width lambda d_2/d, and an aperture of 1.2 that fills the cells; real images are narrower."""
     width, blur, veil = (row for row in rows if row.measured.startswith("vesicle"))
     assert width.predicted == pytest.approx(1, abs=1e-6)
-    # Laws of how dark the pupil's rim is leave its width open by 3 % (6.97 to 7.40 mm of GUV's); blur takes up the rest.
+    # Laws of how dark the pupil's rim is leave its width open by 3 % (GUV's: 6.97 to 7.40 mm); blur takes the rest.
     assert width.published[0] == pytest.approx(0.885, rel=0.03)
     assert blur.predicted == pytest.approx(0.593e-3 * 2.5 / 0.1 / 6.5e-3, rel=1e-9)
     # 2.28 px of 3.0 to 3.3, once the pupil's darker rim is fitted as well: of an evenly lit one 3.68 had been blur.
