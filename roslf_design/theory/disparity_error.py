@@ -44,6 +44,7 @@ from ..shapes.lattice import PACKINGS
 from ..shapes.openings import Openings
 from .colours import filters, panchromatic
 from .exit_pupil import microlens_image_diameter, microlens_image_pitch
+from .f_number import fill_factor
 from .lens_shapes import LENS_SHAPES, LensShape
 from .light import microlens_defocus
 from .photometry import NOTHING, Beside, dark_variance, electrons, response, through_filter, veil_electrons
@@ -1005,8 +1006,7 @@ def light_read(images: MicrolensImages, x: Array, y: Array, read: Read) -> Array
 def share_saturated(c: Camera) -> float:
     """Share of the pixels on the axis that hold more than the full well, neighbours' light where images overlap too."""
     images, rise = MicrolensImages(panchromatic(c), [(0.0, 0.0)]), PACKINGS[c.layout].rise
-    wide = float(magnitude(ratio(microlens_image_diameter(c), microlens_image_pitch(c))))
-    if not _overlapping(wide, rise, images.openings.first_is_disc) > FULL:
+    if not _overlapping(float(fill_factor(c)), rise, images.openings.first_is_disc) > FULL:
         return 0.0
     from scipy.special import ndtr
 
