@@ -506,8 +506,8 @@ def _notes(results: Mapping[str, Any]) -> Iterator[str]:
     )
     yield (
         f"Missed is a bar beyond {CHANCE:g} standard errors, open one within. These count exposures and windows; what "
-        "stays in all exposures counts once, and of spread what windows differ by for other reasons than texture and place, "
-        "once for all lights."
+        "stays in all exposures counts once, and so, for all lights, what windows' spread differs by for other reasons "
+        "than texture and place."
     )
     yield (
         f"Beside an edge: chief rays of neighbours meet surfaces more than {EDGE:g} pitches apart within the window "
