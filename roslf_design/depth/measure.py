@@ -56,7 +56,7 @@ SETTLING = 3
 DULLED, ASKED, ANSWERS = 0.05, 0.05, (-1.0, 0.7)
 """Share of a view's samples that are saturated from which light that it shares is left out; error of the disparities
 that say what neighbours send which asks for what comes of it [pitches], and bounds of what may, over it."""
-DRAWN, MOST_DRAWN = 10_000, 100
+DRAWN, MOST_DRAWN = 6_000, 80
 """Microlenses, about, for which noise is drawn, which tell its variance to some 5 %, and along each side at most."""
 
 
@@ -454,14 +454,15 @@ def _shared_noise(c: float, back: float, first: float, window: int, shape: tuple
         pulls = math.sqrt(1 - abs(c)) * noise()
         for axis in (0, 1):
             pulls += math.sqrt(abs(c) / 4) * ndimage.correlate1d(noise(), [1, -math.copysign(1, c)], axis)
-        alone, drawn = (ndimage.uniform_filter(each, window) for each in (noise(), pulls))
+        drawn = ndimage.uniform_filter(pulls, window)
         latest = drawn + math.sqrt(max(first**2 - 1, 0)) * ndimage.uniform_filter(noise(), window)
         for _ in range(SETTLING):
             assumed = straightened(ndimage.median_filter(latest, window), window, 2)
             near = (neighbours(assumed, 0) + neighbours(assumed, 1)) / 2
             latest = drawn + back * ndimage.uniform_filter(near, window)
-        squares += (latest**2).sum(), (alone**2).sum()
-    return float(squares[0] / squares[1])
+        squares += (latest**2).sum(), (drawn**2).sum()
+    # Pulls alone have so much, as each neighbour but those beyond its rims is in the window.
+    return float(squares[0] / squares[1]) * (1 - c * (1 - 1 / window))
 
 
 def _aliased(

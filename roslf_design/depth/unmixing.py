@@ -339,10 +339,10 @@ class ViewLight:
 def returned(light: ViewLight, views: PreparedViews, disparity: float) -> float:
     """Part of an error of the disparities before that comes back by the picture that they made; see `with_shared`.
 
-    Samples freed along a disparity that is off by b show wave k off by -2 pi i k b <K s>, K each neighbour's share over
-    the own one, turned by the way to it, s where its light passes the pupil, <> means of all samples: the picture by
-    1/(1 + <K>) of that, once it has settled, and disparities found next by <(s - <s>) K> of the picture's error. Waves
-    are as strong in every octave.
+    Let K be a neighbour's share over the own one, for a wave turned by the way to it, s where light passes the pupil,
+    and <> mean all samples. Samples freed along disparities that are off by b show wave k off by 2 pi i k b K s, so
+    that the picture, once it has settled, is off by <K s>/(1 + <K>) times as much, and that moves disparities by
+    <(s - <s>) K>, over <(s - <s>)^2>. Waves are as strong in every octave.
     """
     usable, own, mixing = light.sharing
     weight, share = views.field.weight.mean((2, 3), dtype=float)[usable], mixing.share.mean(1)
@@ -351,8 +351,8 @@ def returned(light: ViewLight, views: PreparedViews, disparity: float) -> float:
     to, source = to[some], mixing.source[some]
     sent = weight[to] * share[some] / own.mean((1, 2))[to]
     packing = PACKINGS[light.camera.layout]
-    pupil = (views.pupil if views.pupil.ndim == 3 else np.nanmean(views.pupil, (3, 4)))[:, usable]
-    apart = packing.steps @ mixing.step[some].T + disparity * (pupil[:, source] - pupil[:, to])
+    pupil = np.nan_to_num(views.pupil[:, usable]).reshape(2, weight.size, -1).mean(-1, dtype=float)
+    apart = packing.steps @ mixing.step[some].T - disparity * (pupil[:, source] - pupil[:, to])
     total, answers, told = float(weight.sum()), 0.0, 0.0
     for turn in np.pi * np.arange(TURNS) / TURNS:
         way = np.array([math.cos(turn), math.sin(turn)])
