@@ -24,6 +24,7 @@ from tests.bench.made import POSES as FOUR_POSES
 from tests.bench.made import small as small_camera
 from tests.docs.described import undescribed
 
+pytestmark = pytest.mark.usefixtures("found_once")
 POSES = [*FOUR_POSES, (12, -24, -20)]
 NAMES = (
     *("quantities", "ruler", "variance_shares", "r_hat", "bulk_ess", "tail_ess", "fit", "steps_one_and_two", "joint"),
@@ -121,7 +122,7 @@ def test_lengths_of_a_rendered_camera_come_back(capsys, captured, small, tmp_pat
     assert "Run again" in page
 
 
-def test_without_posterior_the_same_bytes_and_gaussian_intervals(capsys, captured, tmp_path, blank_pngs):
+def test_without_posterior_the_same_bytes_and_gaussian_intervals(capsys, captured, tmp_path, blank_pngs, found_once):
     out = tmp_path / "a"
     options = ["--design", captured / "small.toml", "--board", BOARD, "-o", out, "--no-posterior", "--json"]
     code, said, _ = run(capsys, "calibrate", captured / "images", *options, "--f-sigma", "0.5 mm")
@@ -131,6 +132,7 @@ def test_without_posterior_the_same_bytes_and_gaussian_intervals(capsys, capture
     assert sorted(p.name for p in out.iterdir() if p.suffix == ".png") == names
     assert "Laplace" in (out / "posterior.svg").read_text()
     text = (out / "calibration.json").read_text()
+    found_once.clear()
     options = {"f_sigma": "0.5 mm", "distortion": 0, "posterior": False}
     again = roslf.calibrate(captured / "images", captured / "small.toml", BOARD, **options)
     assert f"{json_text(again.to_dict())}\n" == text
