@@ -23,6 +23,7 @@ from tests.bench.made import BOARD, CELL, RAYS, SAMPLING, board_scene
 from tests.bench.made import POSES as FOUR_POSES
 from tests.bench.made import small as small_camera
 from tests.docs.described import undescribed
+from tests.reporting.made import few_builds, few_waves
 
 pytestmark = pytest.mark.usefixtures("found_once")
 POSES = [*FOUR_POSES, (12, -24, -20)]
@@ -493,7 +494,7 @@ def test_boards_come_in_the_order_of_their_numbers_without_previews(tmp_path):
         read_capture(tmp_path / "b1.png")
 
 
-def test_sensor_and_pupil_are_measured_and_used(capsys, captured, small, tmp_path):
+def test_sensor_and_pupil_are_measured_and_used(capsys, captured, small, tmp_path, monkeypatch, blank_pngs):
     """Counts with noise of a sensor and a pupil other than the design's: both come back, in depth as well."""
     rng, gain, read, black = np.random.default_rng(4), 2.0, 6.0, 120
     built = small.replace(D_F=0.94 * small.D_F)
@@ -547,6 +548,8 @@ def test_sensor_and_pupil_are_measured_and_used(capsys, captured, small, tmp_pat
     believed = noise["read_noise"] * noise["times_believed"]  # views differ by the rendering's scatter besides
     assert believed == pytest.approx(np.hypot(sensor["read_noise"]["value"], gain / np.sqrt(12)), rel=0.01)
     sheet = tmp_path / "sheet.html"
+    few_builds(monkeypatch)
+    few_waves(monkeypatch)
     code, said, err = run(capsys, "datasheet", captured / "small.toml", "--calibration", out, "-o", sheet)
     assert (code, err) == (0, "")
     assert "aperture.diameter" in sheet.read_text()
