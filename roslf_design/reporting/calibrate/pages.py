@@ -20,7 +20,7 @@ from ...calibration.fit import VISIBLE
 from ...calibration.misfit import DISAGREE
 from ...calibration.model import QUANTITIES, UNITS
 from ...calibration.options import PlanOptions, calibration_plan, lengths_after, plan_cover
-from ...calibration.planning import LEAST_GAIN, NO_GAIN, too_large
+from ...calibration.planning import LEAST_GAIN, NO_GAIN, smaller_board, too_large
 from ...calibration.result import LAPLACE, Outcome
 from ...calibration.space import SceneSide
 from ...calibration.written import file_in, read_numbers
@@ -483,7 +483,7 @@ def plan_blocks(
     answers = [Statement("plain", promise, remedy)]
     large = too_large(design, c)
     if large:
-        answers.append(Statement("caution", sentence(large), "Choose a smaller board."))
+        answers.append(Statement("caution", sentence(large), sentence(smaller_board(design, c))))
     answers += filter(None, [cover_statement(plan_cover(design, c, asked))])
     answers.append(_promise(design, plan))
     sigmas = "".join(f' --sigma "{place}={sigma}"' for place, sigma in asked.sigma.items())
