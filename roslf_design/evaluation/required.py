@@ -16,7 +16,7 @@ from ..camera import Camera
 from ..design import Design, preset_names
 from ..errors import InputError, Problem
 from ..theory import tube
-from ..theory.depth_budget import BUILT, CALIBRATED, DepthBudget
+from ..theory.depth_budget import BUILT, CALIBRATED, COVERAGE, DepthBudget
 from ..theory.focused import has_views
 from ..theory.limits import as_design, limits
 from ..theory.quantities import quantity_named
@@ -68,12 +68,19 @@ class Requirement:
     def limits(self) -> str:
         """Limits in words."""
         ends = {"at least": self.min, "at most": self.max}
-        return " and ".join(f"{word} {self._with_unit(end)}" for word, end in ends.items() if end is not None)
+        told = ((f"{word} {self._with_unit(end)}", self.expanded(end)) for word, end in ends.items() if end is not None)
+        return " and ".join(f"{limit} ({expanded})" if expanded else limit for limit, expanded in told)
 
     @property
     def value_words(self) -> str:
         """Value in words."""
         return "none" if self.value is None else self._with_unit(self.value)
+
+    def expanded(self, value: float | None) -> str:
+        """Expanded uncertainty, which tables show, of a value that is a standard uncertainty; empty of any other."""
+        if value is None or self.quantity != "u_z_mm":
+            return ""
+        return f"U = {self._with_unit(COVERAGE * value)}"
 
     def _with_unit(self, value: float) -> str:
         return f"{number(value, 4)} {self.unit}".rstrip()
@@ -87,7 +94,8 @@ class Requirement:
     def verdict(self) -> Verdict:
         """Whether it is met, and by how much it is missed."""
         where = "" if self.at_mm is None else f"_at_{self.at_mm:g}_mm"
-        counts = f" ({self.counts})" if self.counts else ""
+        counts = "; ".join(filter(None, (self.expanded(self.value), self.counts)))
+        counts = f" ({counts})" if counts else ""
         text = f"{self.label} is {self.value_words}{counts}, required {self.limits}"
         if self.met and self.only:
             name = f"required_{self.quantity}{where}"
