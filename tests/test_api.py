@@ -224,5 +224,5 @@ def test_a_distance_is_one_number_or_several():
     ],
 )
 def test_a_key_that_is_none_is_told_one_near_in_letters_or_meaning_at_its_place_or_all(place, said):
-    with pytest.raises(roslf.InputError, match=f"^{place}: is .*{said}"):
+    with pytest.raises(roslf.InputError, match=f"^{place}: .*{said}"):
         roslf.load("rigid-scope").replace({place: 1.0})

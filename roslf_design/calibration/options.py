@@ -286,6 +286,14 @@ def _captures_for(design: Design, asked: PlanOptions) -> Captures:
     return covering(design, captures, _wanted(design, asked), remade, choose=board is None)
 
 
+def wider_board(design: Design, captures: Captures, asked: PlanOptions) -> str:
+    """Board that covers more than the one asked for, as text that `board` takes; empty where none is known."""
+    free = asked.model_copy(update={"board": None, "range": None, "distance": None})
+    other = asked.model_copy(update={"board": _captures_for(design, free).board.text})
+    missed, fewer = (len(plan_cover(design, one, asked).uncovered) for one in (captures, _captures_for(design, other)))
+    return other.board if other.board is not None and fewer < missed else ""
+
+
 def _accepted(design: Design, asked: PlanOptions, captures: Captures, other: Captures) -> bool:
     """True where a plan of `other` captures could be asked for, and its boards served wherever those planned do."""
     board = other.board.text if other.board != captures.board else asked.board
