@@ -68,8 +68,13 @@ class Requirement:
     def limits(self) -> str:
         """Limits in words."""
         ends = {"at least": self.min, "at most": self.max}
-        told = ((f"{word} {self._with_unit(end)}", self.expanded(end)) for word, end in ends.items() if end is not None)
-        return " and ".join(f"{limit} ({expanded})" if expanded else limit for limit, expanded in told)
+        return " and ".join(f"{word} {self._with_unit(end)}" for word, end in ends.items() if end is not None)
+
+    @property
+    def both_limits(self) -> str:
+        """Limits in words, of a standard uncertainty as the expanded one, too."""
+        ends = " and ".join(filter(None, map(self.expanded, (self.min, self.max))))
+        return f"{self.limits} ({ends})" if ends else self.limits
 
     @property
     def value_words(self) -> str:
@@ -96,7 +101,7 @@ class Requirement:
         where = "" if self.at_mm is None else f"_at_{self.at_mm:g}_mm"
         counts = "; ".join(filter(None, (self.expanded(self.value), self.counts)))
         counts = f" ({counts})" if counts else ""
-        text = f"{self.label} is {self.value_words}{counts}, required {self.limits}"
+        text = f"{self.label} is {self.value_words}{counts}, required {self.both_limits}"
         if self.met and self.only:
             name = f"required_{self.quantity}{where}"
             return Verdict(name, False, "limit", f"{self.outcome}: {text}", self.remedy)
