@@ -1047,7 +1047,7 @@ def share_saturated(c: Camera) -> float:
 
     places = (np.arange(CELL_PLACES) + 0.5) / CELL_PLACES
     x, y = places, np.concatenate([places, 1 + places]) * rise  # rows of hexagonal arrays alternate
-    charge = float(electrons(c)) * image_parts(images, x, y).light.sum(0)
+    charge = float(electrons(c)) * light_read(images, x, y, AS_IT_IS).sum(0)
     spread = np.sqrt(np.maximum(charge, 0.0) + dark_variance(c) + np.square(c["depth.contrast"] * charge))
     return float(ndtr((charge + veil_electrons(c) - c["sensor.full_well"]) / spread).mean())
 
