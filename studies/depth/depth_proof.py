@@ -236,7 +236,7 @@ def judged(trial: Trial) -> dict[str, Any]:
     sigma = np.stack([run.disparities.sigma[some] for run in trial.runs])
     spread, mean = float(np.sqrt(off.var(0, ddof=1).mean())), off.mean(0)
     texture = own_texture(trial.raw.design, trial.scene, trial.first.x_ml, trial.true)
-    own = 1 / np.sqrt(ndimage.uniform_filter(texture / predicted**2, around, mode="nearest"))[some]
+    own = ndimage.uniform_filter(texture / predicted**2, around, mode="nearest")[some] ** -0.5
     told = (sigma**2).mean(0) / own**2
     return one | {
         "disparity": float(true.mean()),
