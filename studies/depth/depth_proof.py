@@ -235,7 +235,8 @@ def judged(trial: Trial) -> dict[str, Any]:
     off = np.stack([run.disparities.disparity[some] for run in trial.runs]) - true
     sigma = np.stack([run.disparities.sigma[some] for run in trial.runs])
     spread, mean = float(np.sqrt(off.var(0, ddof=1).mean())), off.mean(0)
-    own = (own_texture(trial.raw.design, trial.scene, trial.first.x_ml, trial.true, around) * predicted)[some]
+    texture = own_texture(trial.raw.design, trial.scene, trial.first.x_ml, trial.true)
+    own = ndimage.uniform_filter(texture / predicted**2, around, mode="nearest")[some] ** -0.5
     told = (sigma**2).mean(0) / own**2
     return one | {
         "disparity": float(true.mean()),

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import ArrayGeometry, disparity_of
@@ -27,12 +26,12 @@ ASIDE = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]) / 4
 """Where views look beside the chief ray, of the disparity: with the mean square of a disc of half its width."""
 
 
-def own_texture(design: Design, scene: Scene, places: Array, z: Array, window: int) -> Array:
-    """Standard error that windows' own texture allows over that of the texture's spectrum.
+def own_texture(design: Design, scene: Scene, places: Array, z: Array) -> Array:
+    """Information of the texture that microlenses really see over that of the texture's spectrum.
 
-    The information of a window is the sum over its microlenses of the squared slope of what they average, over the
-    light there. It is taken from the radiance that chief rays meet, and from the waves of `Noise`, as strong in each
-    octave, as they are seen there; nothing of the theory of disparity errors is used.
+    It is the squared slope of what a microlens averages, over the light there: by the radiance that chief rays meet,
+    and by the waves of `Noise`, as strong in each octave, as they are seen there. Nothing of the theory of disparity
+    errors is used.
 
     Parameters
     ----------
@@ -43,13 +42,11 @@ def own_texture(design: Design, scene: Scene, places: Array, z: Array, window: i
         Of microlenses on the array [mm].
     z : ndarray, shape (v, u)
         What their chief rays meet [mm], NaN where they meet nothing.
-    window : int
-        Microlenses along its sides.
 
     Returns
     -------
     ndarray, shape (v, u)
-        NaN where nothing is seen in the window.
+        0 where nothing is seen.
     """
     camera, traced = Camera.of(design.thin_twin), ArrayGeometry(design).traced
     d = float(design.microlens_array.pitch)
@@ -73,9 +70,8 @@ def own_texture(design: Design, scene: Scene, places: Array, z: Array, window: i
     steps = np.asarray(np.linalg.cholesky(along @ np.swapaxes(along, -1, -2) + TINY * np.eye(2)), float)
     expected = (texture.mean * texture.contrast) ** 2 * _of_spectrum(steps, texture.finest) / light[seen].mean()
     own = (light[..., 1] - light[..., 0]) ** 2 / light.mean(-1)
-    means = (np.where(seen[..., None], one, 0.0).sum(-1).mean(-1) for one in (expected, own))
-    waves, told = (ndimage.uniform_filter(one, window, mode="nearest") for one in means)
-    return np.sqrt(np.divide(waves, told, out=np.full_like(told, np.nan), where=told > 0))
+    waves, told = (one.sum(-1).mean(-1) for one in (expected, np.where(seen[..., None], own, 0.0)))
+    return np.asarray(np.divide(told, waves, out=np.zeros_like(told), where=seen.all(-1) & (waves > 0)))
 
 
 def _of_spectrum(steps: Array, finest: float) -> Array:
