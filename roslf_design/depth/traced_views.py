@@ -483,7 +483,8 @@ class _Sampled:
         pixel = float(self.camera.q) / self.pitch
         (by_x,), (by_y,) = reading(self.field)
         pixels = pixel_box(fx, pixel) * by_x(fx * pixel) * (pixel_box(fy, pixel) * by_y(fy * pixel))
-        return self.lens(fx / self.pitch, fy / self.pitch) * pixels / FINE**2
+        cells = pixel_box(fx, 1 / FINE) * pixel_box(fy, 1 / FINE) * FINE**2  # that rims are blurred by
+        return self.lens(fx / self.pitch, fy / self.pitch) * pixels / cells
 
     @cached_property
     def _alone(self) -> tuple[Array, Any, Array, Array]:

@@ -79,7 +79,7 @@ class TracedLens(Protocol):
         """Images at places on the array (n, 2) [mm] against those of an ideal lens, as `image_parts` takes them."""
 
     def apart(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Distances of neighbours' images there against those by first order, row by column (n, 2, 2)."""
+        """How far neighbours' images lie apart there, against first order, row by column (n, 2, 2)."""
 
     def aside(self, places: NDArray[np.float64], pupil: NDArray[np.float64]) -> NDArray[np.float64]:
         """How far to the side views from points on the FAP (2, n, ...) [diameters] see there [pitches]; likewise."""

@@ -81,12 +81,18 @@ class Snell:
         return sensor
 
     def image(self, place):
-        """Middle of the image of the FAP's rim, and the ellipse nearest to it, linear in pupil diameters."""
-        turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+        """Middle of the FAP's image, and the ellipse nearest to its rim, linear in pupil diameters.
+
+        The middle of the area between straight sides from ray to ray: coma crowds rays on one side of the rim.
+        """
+        turn = np.linspace(0, 2 * np.pi, 96, endpoint=False)
         rim = 0.5 * np.stack([np.cos(turn), np.sin(turn)], -1)
         seeing = self.seeing(place, self.mounted.fap.diameter * rim)
-        middle = seeing.mean(0)
-        return middle, np.linalg.lstsq(rim, seeing - middle, rcond=None)[0]
+        away = seeing - seeing[0]
+        after = np.roll(away, -1, 0)
+        swept = away[:, 0] * after[:, 1] - away[:, 1] * after[:, 0]
+        middle = seeing[0] + swept @ (away + after) / (3 * swept.sum())
+        return middle, np.linalg.lstsq(rim, seeing - seeing.mean(0), rcond=None)[0]
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0), (3.0, 0.0), (5.6, 1.6), (-4.0, 8.0)])
@@ -125,6 +131,25 @@ def test_views_look_where_snell_sends_them(design, place):
         other = place - beside * design.d
         at = oracle.crossing(other, oracle.seeing(other, np.zeros((1, 2)))[0], z)
         assert np.abs(at - target).max() < 0.005 * sample
+
+
+def test_light_of_neighbours_falls_where_snell_sends_it():
+    # A quarter of a per cent nearer than by first order, which moved walls by 0.01 to 0.02 pitches.
+    design, place = roslf.load("paper-singlet"), np.array([-7.7, 5.6])
+    camera, oracle = Camera.of(design.thin_twin), Snell(design)
+    pitch, at = abs(float(microlens_image_pitch(camera) / camera.q)), np.arange(-26.0, 27.0)
+    blank = np.ones((at.size, at.size, 1, 1), np.float32)
+    like = LightField(blank, blank, at, at, place[:1] / design.d, place[1:] / design.d, pitch)
+    light = ViewLight(camera, like, TracedViews(design, camera, lambda b: depth_of(camera, b)))
+    own, (_, _, parts) = oracle.image(place)[0], light.parts
+    for step in ((1, 0), (0, -1)):
+        middle = (oracle.image(place + np.multiply(step, design.d))[0] - own) / float(camera.q)
+        # Light on one side of it is that on the other; far tails of diffraction are left out.
+        x, y = (np.where(np.abs(away) < pitch, away, 0.0) for away in (at - middle[0], at - middle[1]))
+        near = np.outer(np.cos(np.pi * y / 2 / pitch) ** 2 * (y != 0), np.cos(np.pi * x / 2 / pitch) ** 2 * (x != 0))
+        shown = parts.light[parts.steps.index(step), 0] * near
+        off = np.array([(shown * x).sum(), (shown.T * y).sum()]) / shown.sum()
+        assert np.abs(off).max() < 5e-4 * pitch
 
 
 def test_images_between_those_worked_out_are_as_snell_has_them(design):
