@@ -208,7 +208,7 @@ class TracedViews:
         _, shift, whole = self.image_maps(c)
         after, before = ((middle.sensor + shift) @ _turned(self.design).T).reshape(2, 2, len(places), 2)
         apart = np.moveaxis(after - before, 0, 1) / (2 * AROUND * float(microlens_image_pitch(self.camera)))
-        good = (middle.ok & whole).reshape(4, -1).all(0)
+        good = np.asarray((middle.ok & whole).reshape(4, -1).all(0))
         return np.where(good[:, None, None], apart, np.eye(2))
 
     def aside(self, places: Array, pupil: Array) -> Array:
