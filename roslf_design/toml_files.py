@@ -27,8 +27,12 @@ FROM_ZERO = {"greater_than": "must be greater than zero", "greater_than_equal": 
 """Messages about a value below its least, where that is 0."""
 BOUNDS = {"greater_than": "above", "greater_than_equal": "at least", "less_than": "below", "less_than_equal": "at most"}
 """Words for a bound, by the kind of fault and as pydantic calls it."""
-ELSEWHERE = {"quantity": "metric", "metric": "quantity"}
-"""Keys that files of one kind call so, and those of another otherwise."""
+ELSEWHERE = {
+    "quantity": "metric", "metric": "quantity", "glass": "material", "material": "glass", "lambda": "wavelength",
+    "resolution": "pixels", "pixel_size": "pixel", "position": "distance", "qe": "quantum_efficiency",
+    "fov": "field_of_view_deg", "dof": "depth_of_field_far_mm", "mtf": "mtf50_lp_per_mm",
+}  # fmt: skip
+"""Keys and quantities that files of one kind, or people, call so, and others otherwise."""
 TYPES = {
     "string_type": "text",
     "bool_type": "true or false",
@@ -43,8 +47,8 @@ TYPES = {
     "tuple_type": "a list",
 }
 """Words for what a value must be, by the kind of fault."""
-SLIP = 0.75
-"""Likeness of letters from which a name is another one, mistyped."""
+SLIP, LEAST = 0.75, 0.65
+"""Likeness of letters from which a name is another one, mistyped; and from which it may be, where no word is shared."""
 KIND = "kind"
 """Key that tells which table one is, where it may be several."""
 TAG = "%"
@@ -131,14 +135,15 @@ def nearest(
     known: Collection[str],
     otherwise: str = "",
     meanings: Mapping[str, str] | None = None,
-    least: float = 0.5,
+    least: float = LEAST,
 ) -> str:
     """Suggestion for a name that is not known; else `otherwise`, or all that is known.
 
     A slip of the pen counts first, then words that a name shares with others and with their `meanings`, then letters,
     alike by `least`.
     """
-    near = difflib.get_close_matches(name, known, 1, SLIP) or _alike(name, meanings or {})
+    name = ELSEWHERE[name] if ELSEWHERE.get(name) in known else name
+    near = difflib.get_close_matches(name, known, 1, SLIP) or _alike(name, meanings or dict.fromkeys(known, ""))
     near = near or difflib.get_close_matches(name, known, 1, least)
     return f"did you mean {' or '.join(map(repr, near))}?" if near else otherwise or f"known here: {', '.join(known)}"
 
@@ -214,6 +219,9 @@ def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:
         other = ELSEWHERE.get(name)
         if other in known:
             return Problem(key, f"is called {other} here")
+        table, _, own = getattr(model, "SYMBOLS", {}).get(name, "").rpartition(".")
+        if table:
+            return Problem(key, f"is called {own} here" if f"{table}.{name}" == key else f"is {own} in [{table}]")
         tables = [_at(model, (table,)) for table in _keys(model)]
         holding = [table for table in tables if any(name in _keys(one) for one in table.models)]
         homes = [f"[[{table.key}]]" if table.listed else f"[{table.key}]" for table in holding]
@@ -304,7 +312,7 @@ def _field(table: type[BaseModel], key: str) -> FieldInfo | None:
 
 
 def _keys(table: type[BaseModel]) -> list[str]:
-    return [field.alias or name for name, field in table.model_fields.items()]
+    return [*(field.alias or name for name, field in table.model_fields.items()), *getattr(table, "INSTEAD", ())]
 
 
 def _tables(kind: Any) -> list[type[BaseModel]]:

@@ -21,6 +21,7 @@ TERMS = {
     "image fill": "diameter of a microlens image over the distance to the next; 1: they touch",
     "unvignetted fraction": "area of a microlens image that no rim cuts off, over that of the whole image",
     "clearance": "distance of light from the nearest rim; below 0 where the rim cuts it",
+    "thin twin": "the camera with an ideal thin lens in place of a real one: its focal length, at its principal planes",
     "mechanical distance": "a distance as a workshop measures it, not as it appears through glass and liquid",
     "Fresnel number": "N_F = d^2/(4 lambda d_2) of a microlens; diffraction leaves 4 N_F independent views an axis",
     "depth noise (bound)": "standard deviation of depth that photons and read noise alone leave; none does better",
@@ -30,7 +31,8 @@ TERMS = {
 }
 """Terms that reports explain at their end; `docs/glossary.md` has these and more."""
 _WORD = re.compile(r"\b(um|lambda|sigma(?=_))(?![A-Za-z0-9])")
-_TAGS = {"plain": "{}", "symbol": "<var>{}</var>", "sub": "<sub>{}</sub>"}
+_TYPED = re.compile(r"`([^`\n]+)`")
+_TAGS = {"plain": "{}", "symbol": "<var>{}</var>", "sub": "<sub>{}</sub>", "code": "<code>{}</code>"}
 
 
 def typographic(text: str) -> str:
@@ -39,7 +41,17 @@ def typographic(text: str) -> str:
 
 
 def spans(text: str) -> list[tuple[str, str]]:
-    """Text in pieces of (kind, text): "plain", or a "symbol" and its "sub"; a text of one letter is a symbol."""
+    """Text in pieces of (kind, text): "plain", a "symbol" and its "sub", or "code" that stood between backticks.
+
+    A text of one letter is a symbol.
+    """
+    pieces = list[tuple[str, str]]()
+    for k, part in enumerate(_TYPED.split(text)):
+        pieces += [("code", part)] if k % 2 else _symbols(part)
+    return pieces
+
+
+def _symbols(text: str) -> list[tuple[str, str]]:
     text = typographic(text)
     if text in LETTERS:
         return [("symbol", text)]

@@ -209,3 +209,20 @@ def test_a_distance_is_one_number_or_several():
     assert tabled[0] == tabled[1]
     with pytest.raises(roslf.InputError, match="ask once for each"):
         roslf.sweep("paper", {"d_3": [100.0]}, ["sigma_z_mm"], [15, 20])
+
+
+@pytest.mark.parametrize(
+    ("place", "said"),
+    [
+        ("sensor.part", "known here: .*pixel, size, .*pixels"),
+        ("sensor.pixel_size", "is called pixel here"),
+        ("sensor.iso", "known here: "),
+        ("aperture.d_3", "is called distance here"),
+        ("microlens_array.f", r"is focal_length in \[main_lens\]"),
+        ("main_lens.aperture", "known here: "),
+        ("sensor.noise", "did you mean 'read_noise'"),
+    ],
+)
+def test_a_key_that_is_none_is_told_one_near_in_letters_or_meaning_at_its_place_or_all(place, said):
+    with pytest.raises(roslf.InputError, match=f"^{place}: .*{said}"):
+        roslf.load("rigid-scope").replace({place: 1.0})

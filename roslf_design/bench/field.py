@@ -150,13 +150,14 @@ class _Picture:
         offsets = sample * np.linspace(-half, half, 2 * math.ceil(half / line) + 1)
         scales = np.log(sample) + np.linspace(-SCALES, SCALES, 2 * math.ceil(SCALES * self.reach / line) + 1)
         blur = 0.6 * line * sample
-        radii = np.arange(0.0, math.sqrt(2) * offsets[-1] + math.exp(scales[-1]) * self.reach + blur, blur / 20)
+        step = blur / 20
+        radii = np.arange(0.0, math.sqrt(2) * offsets[-1] + math.exp(scales[-1]) * self.reach + blur, step)
         darkness = self.rings.darkness(radii, blur)  # one blur: read from a table by hundreds of sights
 
         def contrast(tried: tuple[float, float, float]) -> float:
             scale, *middle = tried
             x, y = math.exp(scale) * few.place - np.reshape(middle, (2, 1))
-            return few._contrast(np.interp(np.hypot(x, y), radii, darkness))
+            return few._contrast(darkness[np.rint(np.hypot(x, y) / step).astype(int)])
 
         scale, x, y = max(itertools.product(scales.tolist(), offsets.tolist(), offsets.tolist()), key=contrast)
         return np.array([scale, 0, x, y, 0, 0, math.log(blur)])

@@ -10,7 +10,7 @@ import numpy as np
 from ..calibration.cover import BoardCover
 from ..calibration.model import Poses
 from ..calibration.options import PlanOptions, calibration_plan, plan_cover
-from ..calibration.planning import CapturePlan, Captures, pupil_of, random_poses, too_large
+from ..calibration.planning import CapturePlan, Captures, pupil_of, random_poses, smaller_board, too_large
 from ..camera import Camera
 from ..design import Design
 from ..errors import refusal
@@ -45,7 +45,7 @@ class Protocol:
             raise refusal("design", plan)
         large = plan.captures.board.markers is None and too_large(design, plan.captures)
         if large:
-            raise refusal("board", f"{large}: choose a smaller `board`")
+            raise refusal("board", f"{large}: {smaller_board(design, plan.captures)}")
         poses = planned_poses(design, plan.captures, asked.seed)
         setup = setup_for(design, plan.captures.board, poses, asked.seed, asked.at)
         cover = plan_cover(design, plan.captures, asked)

@@ -56,6 +56,12 @@ class BoardCover:
         return cls(near, far, tuple(z for z in wanted if not reasons[z]), tuple(sorted(missed, key=lambda m: m.at_mm)))
 
 
+def misplaced(design: Design, captures: Captures) -> tuple[float, float]:
+    """How much too near the nearest board stands for it to serve, and how much too far the farthest one [mm]."""
+    limits, (near, far) = _Limits.of(design, captures.board, captures.tilt), captures.ends
+    return max(limits.near - near, 0.0), max(far - limits.far, 0.0)
+
+
 class _Limits(NamedTuple):
     """Distances from the main lens between which a board serves [mm], and why not nearer or farther."""
 

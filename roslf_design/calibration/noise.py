@@ -322,8 +322,8 @@ def _unlike_pixels(
     samples = ImageSamples.of(frame.astype(np.float32), lattice, nodes)
     steps = max(len(profile.measured), math.ceil(4 * lattice.pitch))
     smooth = len(profile.measured) / lattice.pitch / 2
-    light = samples.read(profile.image.over_cell(lattice, steps) + profile.veil)
-    light += samples.read(gaussian_filter(profile.measured - profile.fitted, smooth, mode="wrap"))
+    (light,) = samples.read([profile.image.over_cell(lattice, steps) + profile.veil])
+    light += samples.read([gaussian_filter(profile.measured - profile.fitted, smooth, mode="wrap")])[0]
     level = light * (samples.mean(samples.value) / samples.mean(light))[samples.lens]
     row, column = samples.pixel
     own, some = np.zeros(frame.shape), np.zeros(frame.shape, bool)

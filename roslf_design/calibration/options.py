@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from ..design import Design
-from ..errors import refusal
+from ..errors import InputError, refusal
 from ..evaluation.required import required_distances
 from ..options import Options, Seed
 from ..theory.focused import refuse_focused
@@ -19,10 +19,10 @@ from ..theory.length_covariance import CalibratedLengths
 from ..tolerancing.places import nominal_values, parse_tolerance, perturbable
 from ..toml_files import StrictTable, nearest
 from ..units import Angle, AnyLength, Distance, Length
-from .cover import BoardCover, covering
+from .cover import BoardCover, covering, misplaced
 from .frames import CalibrationError
 from .model import Board, DataSheet, relative_sigma, sheet_of
-from .planning import CapturePlan, Captures, camera_of, plan, reason
+from .planning import CapturePlan, Captures, camera_of, plan, reason, too_large
 
 BEFORE_LENS = re.compile(
     r"(elements\.\d+\.(distance|thickness|index|gradient|focal_length)|object_space\.index"
@@ -237,7 +237,15 @@ def calibration_plan(design: Design, asked: PlanOptions, distortion: int | None 
     except CalibrationError as error:
         return " ".join(str(error).split())
     try:
-        return plan(camera_of(design), sheet, captures, distortion=distortion, seed=asked.seed, white=asked.white_sigma)
+        return plan(
+            camera_of(design),
+            sheet,
+            captures,
+            distortion=distortion,
+            seed=asked.seed,
+            white=asked.white_sigma,
+            accepts=lambda other: _accepted(design, asked, captures, other),
+        )
     except CalibrationError as error:
         text, why = " ".join(str(error).split()), reason(captures)
         return f"{text}: {why}" if "do not determine" in text and why not in text else text
@@ -276,6 +284,30 @@ def _captures_for(design: Design, asked: PlanOptions) -> Captures:
     if asked.distance is not None or asked.range is not None:
         return captures
     return covering(design, captures, _wanted(design, asked), remade, choose=board is None)
+
+
+def wider_board(design: Design, captures: Captures, asked: PlanOptions) -> str:
+    """Board that covers more than the one asked for, as text that `board` takes; empty where none is known."""
+    free = asked.model_copy(update={"board": None, "range": None, "distance": None})
+    other = asked.model_copy(update={"board": _captures_for(design, free).board.text})
+    missed, fewer = (len(plan_cover(design, one, asked).uncovered) for one in (captures, _captures_for(design, other)))
+    return other.board if other.board is not None and fewer < missed else ""
+
+
+def _accepted(design: Design, asked: PlanOptions, captures: Captures, other: Captures) -> bool:
+    """True where a plan of `other` captures could be asked for, and its boards served wherever those planned do."""
+    board = other.board.text if other.board != captures.board else asked.board
+    poses = {"boards": other.boards, "tilt": other.tilt, "noise": other.noise, "board": board}
+    if other.distance_range != captures.distance_range:
+        poses |= {"distance": other.distance, "range": other.distance_range}
+    try:
+        again = PlanOptions.of(**dict(asked) | poses)
+        made = _captures_for(design, again)
+    except (CalibrationError, InputError):
+        return False
+    covered, after = (set(plan_cover(design, one, asked).covered_mm) for one in (captures, made))
+    no_worse = all(new <= old for old, new in zip(misplaced(design, captures), misplaced(design, made), strict=True))
+    return covered <= after and no_worse and bool(too_large(design, made)) <= bool(too_large(design, captures))
 
 
 def _wanted(design: Design, asked: PlanOptions) -> list[float]:

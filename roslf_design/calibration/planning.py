@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -166,11 +167,8 @@ def _shown(design: Design, f: float | None = None) -> ApparentCamera:
 
 def field_at(design: Design, distance: float) -> tuple[float, float]:
     """Width and height [mm] of the plane at `distance` from the main lens that the sensor sees, by chief rays."""
-    return _field(camera_of(design), pupil_of(design), distance)
-
-
-def _field(camera: Intrinsics, pupil: float, distance: float) -> tuple[float, float]:
-    scale = 2 * camera.d * abs(distance - pupil) / camera.A
+    camera = camera_of(design)
+    scale = 2 * camera.d * abs(distance - pupil_of(design)) / camera.A
     return camera.x_0 * scale, camera.y_0 * scale
 
 
@@ -198,25 +196,21 @@ def told_apart_to(design: Design, board: Board) -> float:
 
 def too_large(design: Design, captures: Captures) -> str:
     """A clause where the sensor cannot see the whole board at its nearest, as plans count every corner; else ""."""
-    camera, pupil = camera_of(design), pupil_of(design)
-    if _fits(camera, pupil, captures):
+    board, nearest = captures.board, captures.distance - captures.distance_range / 2
+    sides, field = sorted((board.columns * board.cell, board.rows * board.cell)), sorted(field_at(design, nearest))
+    if all(side <= extent for side, extent in zip(sides, field, strict=True)):
         return ""
-    sides, field = _board_and_field(camera, pupil, captures)
     return (
         f"the board measures {sides[0]:.4g} x {sides[1]:.4g} mm, but the sensor sees only {field[0]:.3g} x"
         f" {field[1]:.3g} mm at its nearest, and the plan counts every corner as seen"
     )
 
 
-def _fits(camera: Intrinsics, pupil: float, captures: Captures) -> bool:
-    """Whether the sensor sees the whole board at its nearest."""
-    return all(side <= extent for side, extent in zip(*_board_and_field(camera, pupil, captures), strict=True))
-
-
-def _board_and_field(camera: Intrinsics, pupil: float, captures: Captures) -> tuple[list[float], list[float]]:
-    """Sides of the board, and of what the sensor sees at its nearest, the shorter first [mm]."""
-    board, nearest = captures.board, captures.distance - captures.distance_range / 2
-    return sorted((board.columns * board.cell, board.rows * board.cell)), sorted(_field(camera, pupil, nearest))
+def smaller_board(design: Design, captures: Captures) -> str:
+    """Remedy where a board is too large for its captures."""
+    half = captures.distance_range / 2
+    fitting = fitting_board(design, captures.distance - half, captures.distance + half)
+    return f'choose a smaller `board`, such as "{fitting.text}"'
 
 
 def random_poses(captures: Captures, pupil_distance: float, rng: np.random.Generator) -> Poses:
@@ -405,21 +399,20 @@ def plan(
     seed: int = 0,
     samples: int = 8,
     white: float | None = None,
+    accepts: Callable[[Captures], bool] = lambda _: True,
 ) -> CapturePlan:
     """Expected errors of a set of captures, and of those that differ from it by one change, best first.
 
     Parameters and errors as in `expected_errors`; a change that cannot be made (a tilt beyond 40 degrees, boards in
-    the bore, a board that the sensor would no longer see whole) is left out.
+    the bore) or whose captures nobody `accepts` is left out.
     """
-    pupil = _pupil(camera, sheet)
-    seen_whole = _fits(camera, pupil, captures)
     expected = functools.partial(
         expected_errors, camera, distortion=distortion, seed=seed, samples=samples, white=white
     )
     before = expected(sheet, captures)
     changes = []
     for what, other, known in _alternatives(captures, sheet):
-        if seen_whole and not _fits(camera, pupil, other):
+        if other is not captures and not accepts(other):
             continue
         try:
             after = expected(known, other)
@@ -449,22 +442,27 @@ def reason(captures: Captures) -> str:
 def _alternatives(captures: Captures, sheet: DataSheet) -> Iterator[tuple[str, Captures, DataSheet]]:
     board = captures.board
     tilt = min(max(1.5 * captures.tilt, math.radians(10.0)), _STEEPEST)
-    finer = Board(2 * board.columns, 2 * board.rows, board.cell / 2)
-    larger = Board(2 * board.columns - 1, 2 * board.rows - 1, board.cell)
     n, spread = captures.boards, captures.distance_range
     shown: dict[str, dict[str, Any]] = {
         f"show {2 * n} boards instead of {n}": {"boards": 2 * n},
         f"spread the distances over {2 * spread:.4g} mm": {"distance_range": 2 * spread},
         "halve the corner noise": {"noise": captures.noise / 2},
-        f"use a board of {larger.columns} x {larger.rows} cells of the same size": {"board": larger},
-        f"use {finer.columns} x {finer.rows} cells of {finer.cell:g} mm on the same board": {"board": finer},
     }
+    columns, rows, cell, marks = board.columns, board.rows, board.cell, board.markers
+    with suppress(CalibrationError):
+        larger = replace(board, columns=2 * columns - 1, rows=2 * rows - 1)
+        shown[f"use a board of {larger.columns} x {larger.rows} cells of the same size"] = {"board": larger}
+    with suppress(CalibrationError):
+        smaller = marks and marks._replace(width=marks.width / 2)
+        finer = Board(2 * columns, 2 * rows, cell / 2, smaller)
+        shown[f"use {finer.columns} x {finer.rows} cells of {finer.cell:g} mm on the same board"] = {"board": finer}
     if tilt > 1.01 * captures.tilt:
         degrees = (math.degrees(angle) for angle in (tilt, captures.tilt))
         shown["tilt the boards by up to {:.0f} degrees instead of {:.0f}".format(*degrees)] = {"tilt": tilt}
     known = {"f": "f_sigma", "the microlens pitch": "d_sigma", "the board's scale": "cell_sigma"}
     for what, changes in shown.items():
-        yield what, replace(captures, **changes), sheet
+        with suppress(CalibrationError):  # more corners than a plan takes
+            yield what, replace(captures, **changes), sheet
     for what, name in known.items():
         halved: dict[str, Any] = {name: getattr(sheet, name) / 2}
         yield f"know {what} twice as well", captures, replace(sheet, **halved)

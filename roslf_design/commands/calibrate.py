@@ -12,7 +12,7 @@ from pydantic import Field
 from ..calibration import CalibrationError, Outcome
 from ..calibration.options import CalibrateOptions, PlanOptions, PoseOptions, SheetOptions, calibration_plan, plan_cover
 from ..calibration.outcome import calibrated
-from ..calibration.planning import too_large
+from ..calibration.planning import smaller_board, too_large
 from ..calibration.posterior import sample_size_for
 from ..calibration.written import CALIBRATED, calibration_files
 from ..errors import Problem, refusal
@@ -186,7 +186,7 @@ def _print_plan(design: str, asked: PlanOptions, distortion: int | None, json: b
         raise refusal("plan", plan)
     if json:
         large = too_large(loaded, plan.captures)
-        notes = [f"{large}: choose a smaller --board"] if large else []
+        notes = [f"{large}: {smaller_board(loaded, plan.captures)}"] if large else []
         depth, *there = (plain(pages.planned_depth(loaded, plan, asked, at=z).to_dict()) for z in (None, *asked.at))
         further = [{"at_mm": z, **one} for z, one in zip(asked.at, there, strict=True)]
         told = {"depth_expected": depth, "depth_expected_at": further, "warnings": notes}

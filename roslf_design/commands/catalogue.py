@@ -77,7 +77,7 @@ def catalogue(
         say(f"{number}  {note}")
     if any(row["kind"] == "lenses" for row in chosen):
         print("\nLenses with a prescription are traced behind main_lens.prescription; of the others f and D are known.")
-    print(f"\n{len(chosen)} parts. Add your own with --file, or in a study.")
+    print(f"\n{len(chosen)} part{'s' * (len(chosen) != 1)}. Add your own with --file, or in a study.")
 
 
 def _unit(rows: Sequence[Mapping[str, Any]], key: str) -> tuple[float, str]:

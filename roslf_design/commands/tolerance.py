@@ -140,7 +140,7 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
         saved = "" if result.budget.cost is None else f", {cost_words(result.budget.cost)}"
         first = "with the cheapest change and all" if result.budget.changes else "with all"
         yield Paragraph(f"Budget: {first} tolerances to relax, yield {share_words(result.budget.result)}{saved}")
-    yield Paragraph(depth_sentence(result.depth, result.plan.question.design))
+    yield Paragraph(depth_sentence(result.depth, result.plan))
     shown = tables(result, brief=True)
     yield from shown
     yield Paragraph("\nOf each metric the weakest field; all fields in results.json.")

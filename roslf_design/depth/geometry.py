@@ -26,7 +26,7 @@ from ..theory.light_field import depth_sigma, epi_slope, rim_disparity
 from .estimate import DisparityMap
 from .phases import PhasedViews
 from .traced_views import TracedViews
-from .unmixing import PreparedViews, ViewLight, places_on_array
+from .unmixing import PreparedViews, ViewLight, places_on_array, returned
 from .view_files import CameraGrid
 
 NEGLIGIBLE = 0.05
@@ -128,6 +128,9 @@ class Viewing(Protocol):
         self, field: LightField, views: PreparedViews, disparity: Array, picture: Array
     ) -> PreparedViews | None:
         """Views with light that microlenses share, by disparities and a picture; None where that does not pay."""
+
+    def returned(self, views: PreparedViews, disparity: float) -> float:
+        """Part of an error of disparities that the picture brings back into such views."""
 
 
 class ViewGeometry(Protocol):
@@ -274,6 +277,10 @@ class _ArrayViewing:
             return None
         return self._phased.in_phase(self.light.with_shared(field, views, disparity, picture), disparity, 0.0, True)
 
+    def returned(self, views: PreparedViews, disparity: float) -> float:
+        """By the waves that neighbours send."""
+        return returned(self.light, views, disparity)
+
 
 @dataclass(frozen=True)
 class GridGeometry:
@@ -309,6 +316,10 @@ class GridGeometry:
     ) -> PreparedViews | None:
         """Cameras share no light."""
         return None
+
+    def returned(self, views: PreparedViews, disparity: float) -> float:
+        """None."""
+        return 0.0
 
     def places(self, field: LightField) -> Array:
         """To the right and upwards from the middle of the views [px]."""

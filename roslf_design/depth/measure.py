@@ -53,11 +53,11 @@ PREDICTED = 8
 """Fields along each axis at which the error is predicted."""
 SETTLING = 3
 """Rounds in which the picture settles that says what neighbours send: what is off changes sign, to a third, in each."""
-DULLED, ASKED, ANSWERS = 0.05, 0.05, (-1.0, 0.5)
+DULLED, ASKED, ANSWERS = 0.05, 0.05, (-1.0, 0.7)
 """Share of a view's samples that are saturated from which light that it shares is left out; error of the disparities
 that say what neighbours send which asks for what comes of it [pitches], and bounds of what may, over it."""
-WAVES = 64
-"""Waves along an axis that noise is taken apart to."""
+DRAWN, MOST_DRAWN = 6_000, 80
+"""Microlenses, about, for which noise is drawn, which tell its variance to some 5 %, and along each side at most."""
 
 
 BEYOND = 100
@@ -419,9 +419,11 @@ def _with_shared(
     if not both.any():
         return views, disparities
     c = float(np.clip(np.median((other.disparity - found.disparity)[both]) / ASKED, *ANSWERS))
-    own, sigma = (np.where(run.measured, run.sigma, 0.0) for run in (disparities, found))
-    again, first = _shared_noise(c, disparities.window)
-    sigma = np.sqrt(again * sigma**2 + first * np.maximum(own**2 - sigma**2, 0))
+    by_picture = viewing.returned(lit, float(np.median(found.disparity[both])))
+    compared = both & disparities.measured
+    first = float(np.median(disparities.sigma[compared] / found.sigma[compared])) if compared.any() else 1.0
+    back = float(np.clip(c + by_picture, *ANSWERS))
+    sigma = math.sqrt(_shared_noise(c, back, first, disparities.window, some.shape)) * found.sigma
     names = ("disparity", "sigma", "status", "chi2", "views", "picture")
     told: dict[str, Any] = {
         name: np.where(some, sigma if name == "sigma" else getattr(found, name), getattr(disparities, name))
@@ -430,20 +432,37 @@ def _with_shared(
     return lit, replace(disparities, **told, begun=found.begun)
 
 
-def _shared_noise(c: float, window: int) -> tuple[float, float]:
-    """Variance of disparities by shared light over that of samples each by itself, and share of the first ones' beside.
+def _shared_noise(c: float, back: float, first: float, window: int, shape: tuple[int, int]) -> float:
+    """Variance of disparities by shared light over that of samples each by itself, by noise drawn for a field of them.
 
     Pixels that two microlenses share pull both, by covariances whose sum over neighbours is -c of the variance: what
-    they send is told by the same pixels. Errors of the disparities before, smoothed over a window, come back through
-    four neighbours, c times as large, in each round. The first ones' are those of all samples, and others beside.
+    they send is told by the same pixels. Errors of the disparities before, those of the `first` so many times as
+    large, are smoothed as `_with_shared` smooths them, and come back through four neighbours, `back` times as large, in
+    each round.
     """
-    k = np.fft.fftfreq(WAVES)
-    mean = np.sinc(window * k) / np.sinc(k)
-    mean, near = np.multiply.outer(mean, mean), np.add.outer(np.cos(2 * math.pi * k), np.cos(2 * math.pi * k)) / 2
-    back = c * near * mean**2
-    alone = (mean**2).mean()
-    every = (mean * sum(back**number for number in range(SETTLING + 1))) ** 2 * (1 - c * near)
-    return float(every.mean() / alone), float(((mean * back**SETTLING) ** 2).mean() / alone)
+    from scipy import ndimage
+
+    def neighbours(values: Array, axis: int) -> Array:
+        return np.asarray(ndimage.correlate1d(values, [0.5, 0, 0.5], axis))
+
+    def noise() -> Array:
+        return rng.standard_normal(shape)
+
+    shape = min(shape[0], MOST_DRAWN), min(shape[1], MOST_DRAWN)
+    rng, squares = np.random.default_rng(0), np.zeros(2)
+    for _ in range(math.ceil(DRAWN / math.prod(shape))):
+        pulls = math.sqrt(1 - abs(c)) * noise()
+        for axis in (0, 1):
+            pulls += math.sqrt(abs(c) / 4) * ndimage.correlate1d(noise(), [1, -math.copysign(1, c)], axis)
+        drawn = ndimage.uniform_filter(pulls, window)
+        latest = drawn + math.sqrt(max(first**2 - 1, 0)) * ndimage.uniform_filter(noise(), window)
+        for _ in range(SETTLING):
+            assumed = straightened(ndimage.median_filter(latest, window), window, 2)
+            near = (neighbours(assumed, 0) + neighbours(assumed, 1)) / 2
+            latest = drawn + back * ndimage.uniform_filter(near, window)
+        squares += (latest**2).sum(), (drawn**2).sum()
+    # Pulls alone have so much, as each neighbour but those beyond its rims is in the window.
+    return float(squares[0] / squares[1]) * (1 - c * (1 - 1 / window))
 
 
 def _aliased(

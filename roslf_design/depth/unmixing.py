@@ -59,6 +59,8 @@ tells what the microlens sends others: of less errors would go to and fro, and t
 SHARED, SENT, PAYS = 0.3, 0.02, 1.3
 """Own share of a sample's light from which on it tells disparities where the picture says what neighbours send; share
 from which on its place counts among those that they send from; times the information from which on that pays."""
+TURNS, FREQUENCIES = 4, (0.1, 0.25, 0.4, 0.55, 0.7)
+"""Directions of waves that pictures' answers are averaged over, and their frequencies, over the finest of the array."""
 BEYOND = 8
 """Microlenses that a picture is continued beyond its sides, as it was before them turned about them."""
 
@@ -343,6 +345,37 @@ class ViewLight:
         values[usable] = np.where(gain > 0, freed, 0)
         weight[usable] = np.where(gain > 0, light * share**2, 0)
         return looks._replace(field=_with(field, values, weight))
+
+
+def returned(light: ViewLight, views: PreparedViews, disparity: float) -> float:
+    """Part of an error of the disparities before that comes back by the picture that they made; see `with_shared`.
+
+    Let K be a neighbour's share over the own one, for a wave turned by the way to it, s where light passes the pupil,
+    and <> mean all samples. Samples freed along disparities that are off by b show wave k off by 2 pi i k b K s, so
+    that the picture, once it has settled, is off by <K s>/(1 + <K>) times as much, and that moves disparities by
+    <(s - <s>) K>, over <(s - <s>)^2>. Waves are as strong in every octave.
+    """
+    usable, own, mixing = light.sharing
+    weight, share = views.field.weight.mean((2, 3), dtype=float)[usable], mixing.share.mean(1)
+    to = np.repeat(np.arange(weight.size), np.diff(mixing.first))
+    some = (share > STRONG) & (weight[to] > 0)
+    to, source = to[some], mixing.source[some]
+    sent = weight[to] * share[some] / own.mean((1, 2))[to]
+    packing = PACKINGS[light.camera.layout]
+    pupil = np.nan_to_num(views.pupil[:, usable]).reshape(2, weight.size, -1).mean(-1, dtype=float)
+    apart = packing.steps @ mixing.step[some].T - disparity * (pupil[:, source] - pupil[:, to])
+    total, answers, told = float(weight.sum()), 0.0, 0.0
+    for turn in np.pi * np.arange(TURNS) / TURNS:
+        way = np.array([math.cos(turn), math.sin(turn)])
+        place = way @ pupil
+        lever = place - weight @ place / max(total, 1e-12)
+        normal = float(weight @ lever**2)
+        for k in packing.fold * np.array(FREQUENCIES):
+            turned = sent * np.exp(2j * np.pi * k * (way @ apart))
+            pull, moved = turned @ lever[to], turned @ place[source]
+            answers += k * float((pull * moved / (total + turned.sum())).real)
+            told += k * normal
+    return answers / max(told, 1e-12)
 
 
 def _as_they_stand(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
-from typing import Annotated, Any, Generic, NamedTuple, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -63,6 +63,8 @@ class Placed(NamedTuple, Generic[Standing]):
 
 class Assembly(Part, RulerSymbols[float], defer_build=True):
     """Parts of a camera, not yet checked against each other."""
+
+    SYMBOLS: ClassVar = PATHS
 
     name: str
     """Name of the design."""

@@ -344,12 +344,15 @@ class MicrolensArray(OpticalPart):
 class Sensor(OpticalPart):
     """The photosensor behind the microlens array."""
 
+    INSTEAD: ClassVar = ("pixels",)
+    """Keys that a file may have in place of others."""
+
     distance: Length
     """d_2, MLA to sensor [mm]."""
     pixel: Length
     """Pixel pitch [mm], before the relay."""
     size: Size
-    """Width and height [mm], before the relay."""
+    """Width and height [mm], before the relay; or, in its place, how many pixels that is: pixels = [4056, 3040]."""
     relay_magnification: Annotated[float, Field(gt=0, ge=1e-6, le=1e6)] = 1.0
     """Magnification of a relay between the MLA's image plane and the sensor, where a pixel is then 1/magnification as
     large."""

@@ -16,7 +16,7 @@ from ..camera import Camera
 from ..design import Design, preset_names
 from ..errors import InputError, Problem
 from ..theory import tube
-from ..theory.depth_budget import BUILT, CALIBRATED, DepthBudget
+from ..theory.depth_budget import BUILT, CALIBRATED, COVERAGE, DepthBudget
 from ..theory.focused import has_views
 from ..theory.limits import as_design, limits
 from ..theory.quantities import quantity_named
@@ -71,9 +71,21 @@ class Requirement:
         return " and ".join(f"{word} {self._with_unit(end)}" for word, end in ends.items() if end is not None)
 
     @property
+    def both_limits(self) -> str:
+        """Limits in words, of a standard uncertainty as the expanded one, too."""
+        ends = " and ".join(filter(None, map(self.expanded, (self.min, self.max))))
+        return f"{self.limits} ({ends})" if ends else self.limits
+
+    @property
     def value_words(self) -> str:
         """Value in words."""
         return "none" if self.value is None else self._with_unit(self.value)
+
+    def expanded(self, value: float | None) -> str:
+        """Expanded uncertainty, which tables show, of a value that is a standard uncertainty; empty of any other."""
+        if value is None or self.quantity != "u_z_mm":
+            return ""
+        return f"U = {self._with_unit(COVERAGE * value)}"
 
     def _with_unit(self, value: float) -> str:
         return f"{number(value, 4)} {self.unit}".rstrip()
@@ -87,8 +99,9 @@ class Requirement:
     def verdict(self) -> Verdict:
         """Whether it is met, and by how much it is missed."""
         where = "" if self.at_mm is None else f"_at_{self.at_mm:g}_mm"
-        counts = f" ({self.counts})" if self.counts else ""
-        text = f"{self.label} is {self.value_words}{counts}, required {self.limits}"
+        counts = "; ".join(filter(None, (self.expanded(self.value), self.counts)))
+        counts = f" ({counts})" if counts else ""
+        text = f"{self.label} is {self.value_words}{counts}, required {self.both_limits}"
         if self.met and self.only:
             name = f"required_{self.quantity}{where}"
             return Verdict(name, False, "limit", f"{self.outcome}: {text}", self.remedy)

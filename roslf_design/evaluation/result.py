@@ -179,8 +179,14 @@ def fact_tables(result: Evaluation) -> list[Table]:
     if not result.has_views:
         del tables["Depth at the focal plane"]
     if result.real_lens is not None:
+        tables = {title + _whose(result): rows for title, rows in tables.items()}
         tables["Real main lens, traced"] = result.real_lens.facts
     return [Table(tuple(rows), "ldl", title=title, widths=WIDTHS) for title, rows in tables.items()]
+
+
+def _whose(result: Evaluation) -> str:
+    """Whose numbers a table has, in its title, where rays through a real lens have others."""
+    return "" if result.real_lens is None else ", of the thin twin"
 
 
 def answer_tables(result: Evaluation, built: Sequence[DepthBudget] = ()) -> list[Table]:
@@ -196,6 +202,8 @@ def answer_tables(result: Evaluation, built: Sequence[DepthBudget] = ()) -> list
         told = [(f"± {number(float(one.expanded_mm), 2)} mm", one.largest.name) for one in built]
         rows = [(*row[:4], *more, *row[4:]) for row, more in zip(rows, told, strict=True)]
         headings = (*headings[:2], "depth, U, as drawn", "mostly of", "U as built", "mostly of", *headings[4:])
+    if result.real_lens is not None:
+        counts += " Field, light and detail are of rays through the real lens, distances and depth of its thin twin."
     return [
         Table(result.answer.rows, "ldl", title="What it sees", widths=WIDTHS),
         Table(tuple(rows), "l" * len(headings), headings, "At its distances", f"{MEANT} {counts}"),
@@ -312,7 +320,7 @@ def field_table(result: Evaluation) -> Table:
     """The image behind each microlens asked for."""
     rows = tuple(field.cells for field in result.fields)
     headings = ("microlens x, y [mm]", "image", "unvignetted", "centroid [um]", "axis ratio", "in own cell")
-    return Table(rows, "llrrrr", headings, "Microlens images over the field")
+    return Table(rows, "llrrrr", headings, f"Microlens images over the field{_whose(result)}")
 
 
 def budget_table(result: Evaluation) -> Table:
@@ -324,7 +332,7 @@ def budget_table(result: Evaluation) -> Table:
     )
     names = [name for name, _ in budgets[0]] if budgets else []
     taking = [name if name in ("own cell", "neighbours") else f"lost at {name}" for name in names]
-    title = "Ray budget: of the rays that fill the pupil, in the order of light"
+    title = f"Ray budget{_whose(result)}: of the rays that fill the pupil, in the order of light"
     if result.object_space is not None:  # of as many elements as there may be, one row each
         headings = ("microlens x, y [mm]", *(place(field.x_ml_mm) for field in result.fields))
         columns = tuple(

@@ -68,7 +68,8 @@ class WorkingRange(NamedTuple):
         if self.ends is None:
             return f"single views are sharp from {_from_to(self.near, self.sharp_to)}, but {RULE} or more there"
         if self.useful_to < self.sharp_to:
-            return f"to where {RULE}; views are sharp to {number(self.sharp_to, 3)} mm"
+            far = "infinity" if math.isinf(self.sharp_to) else f"{number(self.sharp_to, 3)} mm"
+            return f"to where {RULE}; views are sharp to {far}"
         return "where single views are sharp"
 
 

@@ -140,10 +140,10 @@ USUAL_LIMITS = (
 )
 """The first look's limits in words."""
 LIMITED = [
-    {"key": name, "label": f"{metric.label} [{metric.unit}]" if metric.unit else metric.label}
+    {"key": name, "label": metric.label.replace("_Z", "").replace("_", "") + f" [{metric.unit}]" * bool(metric.unit)}
     for name, metric in (METRICS | DISTANT).items()
 ]
-"""Metrics that may be limited."""
+"""Metrics that may be limited; a list has no subscripts."""
 
 
 def forms(state: State) -> dict[str, Any]:

@@ -111,7 +111,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     built = lengths_built(plan)
     depth = depth_budget(Camera.of(design.thin_twin), build=built)
     left_out = in_words(lengths_left_out(plan, built))
-    told = (depth_sentence(depth, design), left_out, loose_words(plan), impossible_words(variant))
+    told = (depth_sentence(depth, plan), left_out, loose_words(plan), impossible_words(variant))
     return ToleranceResult(
         grade=request.grade,
         share=own,

@@ -372,7 +372,8 @@ def _asked(required: Sequence[Requirement]) -> dict[str, str]:
     labels = [re.sub(r", \w+_\w+", "", one.label) for one in required]  # symbols stand in the sentence behind
     if len(required) == 1:
         value = "none" if required[0].value is None else short(required[0].value, 4)
-        return _light([required[0].verdict], title=labels[0], margin=f"{value} of {required[0].limits}")
+        symbol = "u " if required[0].expanded(1.0) else ""
+        return _light([required[0].verdict], title=labels[0], margin=f"{symbol}{value} of {required[0].limits}")
     missed = [label for label, one in zip(labels, required, strict=True) if not one.met]
     drawn = sum(one.outcome == "met as drawn" for one in required)
     margin = f"{len(required) - len(missed)} of {len(required)} met" + f", {drawn} as drawn" * bool(drawn)

@@ -86,12 +86,15 @@ APART = 9
 """Pitches after which images that are taken to stand alone repeat themselves."""
 MANY = 6e5
 """Values in the rows of whole discs from which loading Bessel functions pays; rows give the same to 1e-11."""
-NEARLY_ALIKE, CELL = 256, 0.05
-"""Images from which series stand in for sums, and the side of the cells that they are for, in logarithms: to 1e-5."""
-WIDE_DEGREE, WIDE_CELL = 5, 0.4
-"""Degree and cell of the series where images differ by more than two finer cells: errors of 5e-4 rms, 1.5e-3 at most.
-"""
-NESTED = np.array([0.0, 1.0, -1.0, -0.577, 0.659, -0.839])
+NEARLY_ALIKE = 256
+"""Images from which series stand in for sums."""
+TRUE, CHECKS, FAINTEST = 1e-4, 8, 2e-6
+"""Error that a series may have in information where it is checked: at the outermost images along each axis and at as
+many others at least; and the share from which on a term counts, as far as `_coordinates` foresees it."""
+MOST, FEW, HALVED = 600, 3, 0.1
+"""Terms of a series beyond which its box is halved instead; images for each of them, at least; and the share of a box
+over which halves give way to each other, so that sigma has slopes there too."""
+NESTED = np.array([0.0, 1.0, -1.0, -0.577, 0.659, -0.839, 0.87, 0.306, -0.321, -0.943, 0.953, 0.48, -0.712, -0.156])
 """Places along an axis, each where it adds most to those before it (Leja)."""
 CLOSE, STEP = 0.004, 1e-5
 """Distance from the first image, in logarithms, within which fewer are taken from its tangents, to about the square of
@@ -193,11 +196,6 @@ class _Images(NamedTuple):
     def at(self, index: NDArray[np.intp]) -> _Images:
         some: Any = [*(value[index] for value in self[:-2]), self.openings.at(index), self.texture.at(index)]
         return _Images(*some)
-
-    def with_noise(self, number: int) -> _Images:
-        """In one noise alone."""
-        noises: Any = {name: getattr(self, name)[:, [number]] for name in ("dark", "uneven", "shot", "room")}
-        return self._replace(**noises)
 
     @property
     def own_shape(self) -> tuple[Array, ...]:
@@ -386,7 +384,7 @@ def _informations(images: MicrolensImages, plane: Seen, waves: Spectrum | None, 
         mine = np.flatnonzero((level == detail) & (whole == uncut) & (filled == full) & (share > 0))
         if mine.size:
             some = rows.at(mine)._replace(texture=rows.texture.at(mine)._replace(waves=spectrum))
-            part = (_interpolated if uncut and not full else _each)(some, array, detail, uncut)
+            part = (_interpolated if uncut else _each)(some, array, detail, uncut)
             information[mine] += share[mine, None] * part
     return np.where(held, information, 0.0).T.reshape(-1, *shape)
 
@@ -472,92 +470,145 @@ def _each(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     return np.concatenate([_sharpened(images.at(part), c, level, whole) for part in parts])
 
 
+_Case = tuple[_Array, int, int, bytes, str | None]
+"""Array, level, count of noises, spectrum and shape of the lenses, which the images of a series have in common."""
+
+
 def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
-    """Information of whole images, shape (N, M); where many are nearly alike, by series, of each noise its own."""
-    found = [_by_series(images.with_noise(k), c, level, whole) for k in range(images.dark.shape[1])]
-    known = [one for one in found if one is not None]
-    if len(known) == len(found):
-        return np.stack(known, -1)
-    alone = _each(images, c, level, whole)
-    return np.stack([alone[:, k] if one is None else one for k, one in enumerate(found)], -1)
+    """Information of whole images, shape (N, M): of many by series in `_coordinates`, over boxes that hold them all.
 
-
-def _by_series(images: _Images, c: _Array, level: int, whole: bool) -> Array | None:
-    """Information in one noise by series through some images in the midst of all; None of few or unlike ones.
-
-    Up to light and contrast, it hangs on six ratios: the image's diameter, the detail that diffraction passes, defocus
-    and the pixel, all against the pitch, dark noise and what pixels differ by against shot noise; on how far the plane
-    is out of focus; and on how fine the texture is. A few that lie close about the first are taken from tangents there:
-    so are its derivatives.
+    Sigma to 1e-4 of what sums give. A box is halved until its series is right to `TRUE` at the outermost of its images,
+    which took no part in it, and at some between. Images too few for a series are summed. Fewer that lie close about
+    the first are taken from tangents there: so are its derivatives.
     """
-    fine, strength, waves, lens_shape = images.texture
-    if images.pitch.size < 3 or not (strength * fine > 0).all():
-        return None
-    dark, uneven, shot = images.dark[:, 0], images.uneven[:, 0], images.shot[:, 0]
-    scale = images.light / shot * strength / images.wide**2
-    about = np.log([
-        images.finest, images.pixel / images.pitch, dark / images.light + 1e-6, uneven * images.light + 1e-6, fine,
-    ])  # fmt: skip
-    blurred = images.defocus * images.distance * images.width / images.pitch
-    about = np.vstack([about, blurred, images.bend, *images.own_shape])
+    few = images.pitch.size < NEARLY_ALIKE
+    if not (images.texture.fine > 0).all() or (few and np.isfinite(images.room).any()):
+        return _each(images, c, level, whole)
+    about, reach, scale = _coordinates(images)
+    *_, waves, lens_shape = images.texture
+    case = (c, level, scale.shape[1], np.stack(waves).tobytes(), lens_shape)
+    if few:
+        logarithms = _by_tangents(case, about)
+        return _each(images, c, level, whole) if logarithms is None else np.exp(logarithms) * scale
+    information, alone = np.zeros(scale.shape), np.zeros(len(scale))
+    boxes = [(np.arange(len(scale)), np.ones(len(scale)))]
+    while boxes:
+        mine, weight = boxes.pop()
+        here = about[:, mine]
+        least, most = here.min(1), here.max(1)
+        # Of round sizes at round places, so that the next block of builds has the same.
+        half = 2 ** (np.ceil(4 * np.log2(np.maximum(most - least, 1e-9) * 8 / 7)) / 4) / 2
+        middle = np.round(2 * (least + most) / half) * half / 4
+        shares = half / reach
+        terms = _terms(tuple(shares.tolist()))
+        if FEW * min(len(terms), MOST) > mine.size:
+            alone[mine] += weight
+            continue
+        if len(terms) <= MOST:
+            away = (here - middle[:, None]) / half[:, None]
+            values = _series(case, middle.tobytes(), half.tobytes(), tuple(shares.tolist()))
+            with np.errstate(all="ignore"):  # where nothing tells anything, no series is right
+                guessed = np.exp(_sum_of(values, away, terms)) * scale[mine]
+            ends = away[terms.any(0)]
+            some = np.unique([*ends.argmin(1), *ends.argmax(1), *range(0, mine.size, 1 + mine.size // CHECKS)])
+            summed = _each(images.at(mine[some]), c, level, whole)
+            if (np.abs(guessed[some] - summed) <= TRUE * summed).all():
+                information[mine] += weight[:, None] * guessed
+                continue
+        widest = np.argmax(shares)
+        above = np.clip((here[widest] - middle[widest]) / (HALVED * half[widest]) + 0.5, 0.0, 1.0)
+        if (above > 0).all() or (above < 1).all():
+            alone[mine] += weight
+        else:
+            boxes += [(mine[part > 0], (weight * part)[part > 0]) for part in (1 - above, above)]
+    some = np.flatnonzero(alone)
+    if some.size:
+        information[some] += alone[some, None] * _each(images.at(some), c, level, whole)
+    return information
+
+
+def _by_tangents(case: _Case, about: Array) -> Array | None:
+    """Logarithm of information of images that lie close about the first; None of others."""
     free = np.flatnonzero(np.ptp(about, axis=1) > 1e-12)
-    spectrum = np.stack(waves).tobytes()
-    if images.pitch.size < NEARLY_ALIKE:
-        away = (about - about[:, :1])[free]
-        if images.pitch.size < free.size + 2 or np.abs(away).max(initial=0.0) > CLOSE:
-            return None
-        nodes = np.repeat(about[:, :1], free.size + 1, axis=1)
-        nodes[free, 1:] += STEP * np.eye(free.size)
-        values = _series(c, level, len(about), nodes.tobytes(), spectrum, lens_shape)
-        slopes = (values[1:] - values[0]) / STEP if np.isfinite(values).all() else np.inf
-        if not np.abs(slopes).max(initial=0.0) <= STEEPEST:
-            return None
-        return np.asarray(np.exp(values[0] + slopes @ away) * scale)
-    spread = np.ptp(about, axis=1)[free]
-    apart = spread.max(initial=0.0) > 2 * CELL
-    wide = apart & (spread > CELL / 2)
-    degrees, sides = np.where(wide, WIDE_DEGREE, 1 if apart else 2), np.where(wide, WIDE_CELL, CELL)[:, None]
-    cells = np.floor(about[free] / sides).astype(int)
-    number = np.zeros(cells.shape[1], int)  # of the cell: sorts faster than its column, most so where it is small
-    for row in cells - cells.min(axis=1, keepdims=True):
-        number = number * (row.max() + 1) + row
-    order = np.argsort(number.astype(np.uint16) if number.max() < 2**16 else number, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(number[order])) + 1)
-    information = np.empty(images.pitch.size)
-    offsets, terms, inverse = _expansion(tuple(degrees.tolist()))
-    few = (0.5 if apart else 2) * len(terms)
-    alone = np.concatenate([order[:0], *(mine for mine in groups if mine.size < few)])
-    if alone.size:
-        information[alone] = _each(images.at(alone), c, level, whole)[:, 0] / scale[alone]
-    for mine in groups:
-        if mine.size < few:
-            continue
-        nodes, middle = np.repeat(about[:, mine[:1]], len(terms), axis=1), (cells[:, mine[:1]] + 0.5) * sides
-        nodes[free] = middle + offsets * sides / 2
-        logarithms = _series(c, level, len(about), nodes.tobytes(), spectrum, lens_shape)
-        if not np.isfinite(logarithms).all():
-            information[mine] = _each(images.at(mine), c, level, whole)[:, 0] / scale[mine]
-            continue
-        values = inverse @ logarithms
-        total = np.zeros(mine.size)
-        for value, power in zip(values, _powers(2 * (about[free][:, mine] - middle) / sides, terms), strict=True):
-            total += value * power
-        information[mine] = np.exp(total)
-    return information * scale
+    away = (about - about[:, :1])[free]
+    if about.shape[1] < max(3, free.size + 2) or np.abs(away).max(initial=0.0) > CLOSE:
+        return None
+    nodes = np.repeat(about[:, :1], free.size + 1, axis=1)
+    nodes[free, 1:] += STEP * np.eye(free.size)
+    values = _logarithms(case, len(nodes), nodes.tobytes())
+    slopes = (values[1:] - values[0]) / STEP if np.isfinite(values).all() else np.inf
+    return values[0] + away.T @ slopes if np.abs(slopes).max(initial=0.0) <= STEEPEST else None
 
 
-@functools.lru_cache(maxsize=64)
-def _expansion(degrees: tuple[int, ...]) -> tuple[Array, NDArray[np.intp], Array]:
-    """Places in a cell, from -1 to 1, the powers of a polynomial through them, and its inverse there.
+def _coordinates(images: _Images) -> tuple[Array, Array, Array]:
+    """Numbers that information hangs on, (K, N); distances over which they bend it, (K,); a factor to it, (N, M).
 
-    Degrees are those along single axes; the whole degree is the largest of them. Places are nested along each axis, so
-    that as many as there are powers pin all of them down.
+    In units of the pitch and of the light: logarithms of the detail that diffraction passes, of the pixel, of how fine
+    the texture is and of the opening's sizes; defocus, and periods of the finest detail that B holds. Where pixels fill
+    also the contrast; and in each noise logarithms of three kinds of variance, and the share of the well that is full.
     """
-    whole = max(degrees, default=0)
-    powers = [t for t in itertools.product(*(range(d + 1) for d in degrees)) if sum(t) <= whole]
-    terms = np.array(powers, np.intp).reshape(len(powers), len(degrees))  # of images all alike one, of no axis
+    light, fine, shape = images.light[:, None], images.texture.fine, images.own_shape
+    shot, filled = images.shot / light, np.isfinite(images.room).any()
+    noise = (shot if filled else np.ones(shot.shape), images.dark / light + 1e-6, images.uneven * light + 1e-6)
+    rows = [np.log(images.finest), np.log(images.pixel / images.pitch), np.log(fine)]
+    rows += [images.defocus * images.distance * images.width / images.pitch, images.contrast * filled]
+    rows += [images.bend * np.exp(shape[0]) * fine, *shape]
+    rows += [*np.log(np.concatenate(noise, 1)).T, *(light / images.room).T]
+    noises = shot.shape[1]
+    reach = np.array([0.8, 4.0, 3.0, 1.0, 1.0, 1.2, *[1.0] * len(shape), *[5.0] * 3 * noises, *[0.3] * noises])
+    return np.stack(rows), reach, (images.texture.strength / images.wide**2)[:, None] / (1.0 if filled else shot)
+
+
+@functools.lru_cache(maxsize=4096)
+def _logarithms(case: _Case, rows: int, nodes: bytes) -> Array:
+    """Logarithm of information at places in `_coordinates`, shape (places, M), the factor left out."""
+    array, level, noises, spectrum, lens_shape = case
+    places, split = np.frombuffer(nodes).reshape(rows, -1), rows - 4 * noises
+    sharp, pixel, fine, blurred, contrast, turns, *shape = places[:split]
+    shot, dark, uneven, full = (part.T for part in places[split:].reshape(4, noises, -1))
+    fine, one = np.exp(fine), np.ones(sharp.size)
+    with np.errstate(divide="ignore", invalid="ignore"):  # of what tells nothing there is no series
+        noise = (*(np.maximum(np.exp(part) - 1e-6, 0.0) for part in (dark, uneven)), np.exp(shot), 1 / full)
+        bend = turns / (fine * np.exp(shape[0]))
+        waves = _Texture(fine, one, Spectrum(*np.frombuffer(spectrum).reshape(3, -1)), lens_shape)
+        own: Any = [one, one, np.exp(-sharp), blurred, np.exp(pixel), one, *noise, contrast, one, bend, one]
+        own += [_opening_of(*shape), waves]
+        values = np.log(_each(_Images(*own), array, level, whole=True))
+    values.setflags(write=False)
+    return values
+
+
+@functools.lru_cache(maxsize=256)
+def _terms(shares: tuple[float, ...]) -> NDArray[np.intp]:
+    """Powers along the axes of the terms that count, shape (terms, K), where each power along one adds such a share."""
+    terms: list[tuple[tuple[int, ...], float]] = [((), 1.0)]
+    for share in shares:
+        more = [[((*term, n), left * share**n) for n in range(len(NESTED))] for term, left in terms[: MOST + 1]]
+        terms = [(term, left) for row in more for term, left in row if left >= FAINTEST or not term[-1]]
+    return np.array([term for term, _ in terms], np.intp)
+
+
+@functools.lru_cache(maxsize=256)
+def _series(case: _Case, middle: bytes, half: bytes, shares: tuple[float, ...]) -> Array:
+    """Coefficients of the terms of a series over a box, shape (terms, M).
+
+    Through as many places as there are terms: nested along each axis, they pin all of them down.
+    """
+    terms = _terms(shares)
     offsets = NESTED[terms].T
-    return offsets, terms, np.asarray(np.linalg.inv(np.stack(list(_powers(offsets, terms)), -1)), np.float64)
+    places = np.frombuffer(middle)[:, None] + np.frombuffer(half)[:, None] * offsets
+    logarithms = _logarithms(case, len(places), places.tobytes())
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.linalg.solve(np.stack(list(_powers(offsets, terms)), -1), logarithms), float)
+
+
+def _sum_of(values: Array, away: Array, terms: NDArray[np.intp]) -> Array:
+    """Series at places, shape (places, M)."""
+    axes = np.flatnonzero(terms.any(0))
+    total = np.zeros((away.shape[1], values.shape[1]))
+    for value, power in zip(values, _powers(away[axes], terms[:, axes]), strict=True):
+        total += np.multiply.outer(power, value)
+    return total
 
 
 def _powers(away: Array, terms: NDArray[np.intp]) -> Iterator[Array]:
@@ -568,22 +619,6 @@ def _powers(away: Array, terms: NDArray[np.intp]) -> Iterator[Array]:
     for term in terms:
         factors = [single[degree][axis] for axis, degree in enumerate(term) if degree]
         yield functools.reduce(np.multiply, factors) if factors else np.ones(away.shape[1])
-
-
-@functools.lru_cache(maxsize=4096)
-def _series(c: _Array, level: int, count: int, nodes: bytes, spectrum: bytes, lens_shape: str | None) -> Array:
-    """Logarithm of information at places of an expansion, for a pitch of 1, one electron and full contrast."""
-    sharp, pixel, dark, uneven, fine, blurred, bend, *shape = np.frombuffer(nodes).reshape(count, -1)
-    one = np.ones(sharp.size)
-    noise = (*(np.maximum(np.exp(part) - 1e-6, 0.0)[:, None] for part in (dark, uneven)), one[:, None])
-    noise += (np.full((sharp.size, 1), math.inf), 0 * one)
-    image = _opening_of(*shape)
-    waves = _Texture(np.exp(fine), one, Spectrum(*np.frombuffer(spectrum).reshape(3, -1)), lens_shape)
-    own: Any = [one, one, np.exp(-sharp), blurred, np.exp(pixel), one, *noise, one, bend, one, image, waves]
-    with np.errstate(divide="ignore", invalid="ignore"):  # of what tells nothing there is no series
-        values = np.log(_each(_Images(*own), c, level, whole=True)[:, 0])
-    values.setflags(write=False)
-    return values
 
 
 def _sharpened(images: _Images, c: _Array, level: int, whole: bool) -> Array:

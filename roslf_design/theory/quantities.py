@@ -81,7 +81,7 @@ def quantity_named(name: str) -> Quantity:
     labels = {key: one.label for key, one in QUANTITIES.items() if one.of is not None and key not in PATHS}
     remedy = nearest(name, QUANTITIES, f"known are {known}, and the symbols {', '.join(PATHS)}", labels)
     tables = {path.partition(".")[0] for path in PATHS.values()}
-    table = next((one for one in tables if name.startswith(f"{one}_")), "")
+    table = next((one for one in tables if name.startswith((f"{one}_", f"{one}."))), "")
     if table and not difflib.get_close_matches(name, QUANTITIES, 1, SLIP):
         remedy = f"what its {table.replace('_', ' ')} is, keys of the design state: `roslf keys {table}`"
     raise ValueError(f"'{name}' is no quantity of a design; {remedy}")

@@ -41,6 +41,8 @@ DAMPING = 1e-10
 
 NUDGE = 1e-3
 """Steps of derivatives [tolerances]."""
+DRAWN = 4096
+"""Builds that tell what an adjuster leaves whose range ends: a power of two, as evenly drawn points want it."""
 
 
 class MeasuredTrials(NamedTuple):
@@ -178,29 +180,43 @@ def first_builds(
 def lengths_built(plan: TolerancePlan) -> LengthCovariance:
     """Covariance of a camera's lengths over a plan's builds, adjusted where anything is: to first order.
 
-    f and d_1 stand for d_f, which follows. The temperature is left out where the design gives its range.
+    Where an adjuster's range ends before all builds are adjusted, that of as many builds drawn: no slope tells where
+    it stops. f and d_1 stand for d_f, which follows. The temperature is left out where the design gives its range.
     """
-    draws, design = plan.draws, plan.question.design
+    draws = plan.draws
+    if plan.adjusters:
+        compensator, even = _compensator_of(plan), replace(draws, sampling="sobol")
+        deviations = even.deviations(even.uniforms(0, DRAWN))
+        if (np.abs(compensator.linear(deviations)) >= compensator.reach).any():
+            places, numbers = _lengths_of(plan, np.pad(deviations, ((0, 0), (1, 0))))
+            off = numbers[:, 1:] - numbers[:, :1]
+            return LengthCovariance(places, off @ off.T / DRAWN)
+    tolerances = np.array([p.tolerance for p in draws.perturbations])
+    steps = NUDGE * np.eye(tolerances.size)
+    places, numbers = _lengths_of(plan, np.concatenate([steps, -steps], axis=1))
+    ahead, behind = np.split(numbers, 2, axis=1)
+    # Of a tolerance of 0 nothing moves.
+    rates = (ahead - behind) / (2 * NUDGE * np.where(tolerances > 0, tolerances, 1.0))
+    return LengthCovariance(places, rates @ draws.covariance() @ rates.T)
+
+
+def _lengths_of(plan: TolerancePlan, deviations: Array) -> tuple[tuple[str, ...], Array]:
+    """Lengths that differ between builds, adjusted where anything is: their places, and numbers (places, builds)."""
+    design, count = plan.question.design, deviations.shape[1]
     left_out = {PATHS["d_f"], TIP, *VIEWING_CONDITIONS}
     if design.environment is not None and design.environment.range is not None:
         left_out.add(TEMPERATURE)
-    tolerances = np.array([p.tolerance for p in draws.perturbations])
-    steps = NUDGE * np.eye(tolerances.size)
-    deviations = np.concatenate([steps, -steps], axis=1)
-    values = draws.values(deviations)
+    values = plan.draws.values(deviations)
     if plan.adjusters:
         compensator = _compensator_of(plan)
         values = compensator.applied(values, compensator.linear(deviations))
-    builds, _ = builds_of(plan.question, values, 2 * tolerances.size)
+    builds, _ = builds_of(plan.question, values, count)
     varied = {
-        place: np.broadcast_to(number, (2 * tolerances.size,))
+        place: np.broadcast_to(number, (count,))
         for place, number in builds.camera.numbers.items()
         if place not in left_out and np.ptp(number) > 0
     }
-    ahead, behind = np.split(np.stack([*varied.values()]), 2, axis=1) if varied else np.zeros((2, 0, tolerances.size))
-    # Of a tolerance of 0 nothing moves.
-    rates = (ahead - behind) / (2 * NUDGE * np.where(tolerances > 0, tolerances, 1.0))
-    return LengthCovariance(tuple(varied), rates @ draws.covariance() @ rates.T)
+    return tuple(varied), np.stack([*varied.values()]) if varied else np.zeros((0, count))
 
 
 class Compensator:

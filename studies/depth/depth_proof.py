@@ -14,6 +14,7 @@ import time
 import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,7 +24,7 @@ from scipy import ndimage
 
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import ArrayGeometry, depth_of, disparity_of
-from roslf_design.depth.measure import Trial, simulate
+from roslf_design.depth.measure import Prediction, Trial, simulate
 from roslf_design.depth.pictures import DETAIL, PictureOptions, chief_rays, default_scene, region_about
 from roslf_design.depth.unmixing import LEAST
 from roslf_design.design import Design, save
@@ -50,11 +51,12 @@ from roslf_design.theory.light import object_scale
 from roslf_design.theory.photometry import exposure
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
+from studies.depth.own_texture import own_texture
 from studies.depth.proof_cameras import DRAWN, LARGEST, SEED, ProofCamera, cameras, place
 
 OUT = Path("reports/depth-proof")
 EXPOSURES = 2
-"""Of each scene and light: unlike textures of windows leave more open than so few exposures do."""
+"""Of each scene and light."""
 SIDES, WIDE = (14, 20), 260
 """Fewest and most microlenses along a side of what is looked at; about so many pixels in between."""
 LIGHTS = {"bright": 1.0, "dim": 1 / 4, "dark": 1 / 16}
@@ -192,6 +194,15 @@ def aside_of_edges(trial: Trial) -> NDArray[np.bool_]:
     return np.asarray(~ndimage.binary_dilation(edge, np.ones((2 * reach - 1, 2 * reach - 1), bool)))
 
 
+def _everywhere(prediction: Prediction, shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Standard errors predicted at every microlens; between those where they are, their inverses are straight lines."""
+    rows, columns = np.unique(prediction.row), np.unique(prediction.column)
+    inverse = np.reshape(1 / prediction.disparity, (len(rows), len(columns)))
+    for axis, (known, count) in enumerate(zip((rows, columns), shape, strict=True)):
+        inverse = np.apply_along_axis(partial(np.interp, np.arange(count), known), axis, inverse)
+    return np.asarray(np.divide(1, inverse, out=np.full(shape, math.inf), where=inverse > 0))
+
+
 def judged(trial: Trial) -> dict[str, Any]:
     """What a scene in a light tells, in disparities [pitches]: counts, spread, prediction, bias and share within."""
     camera = Camera.of(trial.raw.design.thin_twin)
@@ -200,14 +211,13 @@ def judged(trial: Trial) -> dict[str, Any]:
     images = images if traced is None else traced.cut(images)
     whole = images.shapes.kept_fraction[:, 0].reshape(shape) >= WHOLE
     single = aside_of_edges(trial)
-    rows, columns = np.unique(trial.prediction.row), np.unique(trial.prediction.column)
-    at = [np.abs(some[:, None] - np.arange(n)).argmin(0) for some, n in zip((rows, columns), shape, strict=True)]
-    predicted = trial.prediction.disparity.reshape(len(rows), len(columns))[np.ix_(*at)]
+    predicted = _everywhere(trial.prediction, shape)
     able = np.isfinite(trial.true) & (predicted <= LARGEST)
     wanted = able & whole & single
     measured = np.stack([run.measured for run in trial.runs])
     some = trial.compared & able & single
-    window = trial.first.disparities.window**2
+    around = trial.first.disparities.window
+    window = around**2
     one: dict[str, Any] = {
         "microlenses": int(trial.true.size),
         "cut": float(1 - whole.mean()),
@@ -225,13 +235,16 @@ def judged(trial: Trial) -> dict[str, Any]:
     off = np.stack([run.disparities.disparity[some] for run in trial.runs]) - true
     sigma = np.stack([run.disparities.sigma[some] for run in trial.runs])
     spread, mean = float(np.sqrt(off.var(0, ddof=1).mean())), off.mean(0)
+    own = (own_texture(trial.raw.design, trial.scene, trial.first.x_ml, trial.true, around) * predicted)[some]
+    told = (sigma**2).mean(0) / own**2
     return one | {
         "disparity": float(true.mean()),
         "spread": spread,
-        "predicted": float(np.sqrt((predicted[some] ** 2).mean())),
+        "over_predicted": float(np.sqrt((off.var(0, ddof=1) / own**2).mean())),
+        "predicted": float(np.sqrt((own**2).mean())),
         "told": float(np.sqrt((sigma**2).mean())),
-        # Of the variance told from one window to the next: what it has of texture.
-        "uneven": float((sigma**2).mean(0).std() / (sigma**2).mean()),
+        # Of the variance told, over that predicted, from one window to the next.
+        "uneven": float(told.std() / told.mean()),
         "bias": float(off.mean()),
         # What stays in all exposures beside the bias: rays, and what windows make of their own texture.
         "stays": math.sqrt(max(float(mean.var()) - spread**2 / len(off), 0.0)),
@@ -297,7 +310,7 @@ def pooled(results: Mapping[str, Mapping[str, Any]]) -> Verdict | None:
         return np.array([one[key] for one in ones.values()], float)
 
     windows, count, spread, stays = (column(key) for key in ("windows", "exposures", "spread", "stays"))
-    ratio, offset, inside = spread / column("predicted"), column("bias") / spread, column("within")
+    ratio, offset, inside = column("over_predicted"), column("bias") / spread, column("within")
     share = windows / windows.sum()
     square = float(share @ ratio**2)
     scenes = [name.split(", ")[0] for name in ones]
@@ -360,9 +373,9 @@ def table(rows: Rows) -> Table:
         lines.append((f"{number}", name, words, *figures, one.words))
     heads = ("", "camera", "what it is", "spread", "within", "bias", "signed", "known", "verdict")
     note = (
-        "Spread over the prediction for the scene's texture and place; share of the errors within those reported; bias "
-        "over spread, rms over scenes and lights, and its mean with the sign; known of the microlenses that are "
-        "neither cut nor beside an edge. After ± the standard error that so few windows leave; "
+        "Spread over the prediction for each window's place and own texture; share of the errors within those "
+        "reported; bias over spread, rms over scenes and lights, and its mean with the sign; known of the microlenses "
+        "that are neither cut nor beside an edge. After ± the standard error that so few windows leave; "
         "open: missed by less than two of them."
     )
     return Table(tuple(lines), "rllrrrrrl", heads, "Cameras", note)
@@ -493,7 +506,8 @@ def _notes(results: Mapping[str, Any]) -> Iterator[str]:
     )
     yield (
         f"Missed is a bar beyond {CHANCE:g} standard errors, open one within. These count exposures and windows; what "
-        "stays in all exposures counts once, and of spread how unlike the texture of windows is, once for all lights."
+        "stays in all exposures counts once, and so, for all lights, what windows' spread differs by for other reasons "
+        "than texture and place."
     )
     yield (
         f"Beside an edge: chief rays of neighbours meet surfaces more than {EDGE:g} pitches apart within the window "

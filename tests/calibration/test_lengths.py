@@ -95,14 +95,18 @@ def test_a_white_image_that_tells_the_pupil(design):
     assert np.sqrt(told.matrix[at, at]) == pytest.approx(0.9 * design.D_F * sigma, rel=0.05)
 
 
-def test_lengths_built_against_the_builds_themselves():
-    """Of tied parts, a sag that is told as focal length, and an array that is adjusted; 4096 builds tell 1.1 %."""
+@pytest.mark.parametrize(("reach", "tied"), [("0.5 mm", 1e-6), ("1 um", 0.05)])
+def test_lengths_built_against_the_builds_themselves(reach, tied):
+    """Of tied parts, a sag that is told as focal length, and a sensor that is adjusted; 4096 builds tell 1.1 %.
+
+    Of the shorter range most builds stand at its end.
+    """
     plan = plan_from({
         "name": "builds", "design": "rigid-scope", "grade": "precision", "trials": 4096,
         "perturb": [{"place": ["d_3", "d_1"], "tolerance": "0.1 mm", "group": "barrel"}],
         "groups": [{"name": "barrel", "correlation": 0.8}],
         "goals": [{"metric": "fill_factor", "min": 0.9, "max": 1.1}, {"metric": "mismatch_px", "max": 0.1}],
-        "compensators": [{"place": "sensor.distance", "range": "0.5 mm"}],
+        "compensators": [{"place": "sensor.distance", "range": reach}],
     })  # fmt: skip
     built = lengths_built(plan)
     builds, good = first_builds(plan, 4096)
@@ -111,7 +115,7 @@ def test_lengths_built_against_the_builds_themselves():
     np.testing.assert_allclose(built.matrix / np.outer(sigma, sigma), drawn / np.outer(sigma, sigma), atol=0.08)
     assert "main_lens.focal_plane" not in built.places
     at = [built.places.index(place) for place in ("aperture.distance", "microlens_array.distance")]
-    assert built.matrix[at[0], at[1]] == pytest.approx(0.8 * np.prod(np.sqrt(np.diag(built.matrix)[at])), rel=1e-6)
+    assert built.matrix[at[0], at[1]] == pytest.approx(0.8 * np.prod(np.sqrt(np.diag(built.matrix)[at])), rel=tied)
 
 
 @pytest.mark.parametrize("ahead", [0.0, 115.0])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from roslf_design.bench.protocol import Protocol
 from roslf_design.calibration import (
     Board,
     CalibrationError,
@@ -121,12 +122,30 @@ def test_every_corner_of_the_advised_boards_is_in_the_field(name):
         poses = random_poses(own, design.d_3, np.random.default_rng([0, k]))
         corners = project_poses(poses, own.board.points)
         assert np.all(np.abs(corners[..., :2]) <= seen / 2 * corners[..., 2:])
-    nearest = own.distance - own.distance_range / 2
-    for change in plan(camera_of(design), sheet_of(design), own, samples=2).changes:
-        cells = re.search(r"board of (\d+) x (\d+) cells", change.what)
-        if cells is not None:
-            side = own.board.cell * min(int(cells[1]), int(cells[2]))
-            assert side <= seen * (nearest - design.d_3)
+
+
+@pytest.mark.parametrize(
+    ("name", "asked"),
+    [(name, {}) for name in ("paper", "rigid-scope", "arthroscope", "grin-needle", "pipe-bore", "video-otoscope")]
+    + [("paper", {"boards": 150}), ("paper", {"boards": 100, "board": "10x10 3 mm"})],
+)
+def test_an_advised_board_is_one_that_the_bench_takes_and_that_covers_as_much(name, asked):
+    """Each advice asked for in its own words, as a person would type it; cells at the farthest by similar triangles."""
+    design = load(name)
+    camera = Camera.of(design)
+    asked = asked | {"at": (design.d_f - float(camera.tip),)}
+    before = Protocol.of(design, PlanOptions.of(**asked))
+    for change in before.plan.changes:
+        cells = re.search(r"(\d+) x (\d+) cells of (?:the same size|(\S+) mm)", change.what)
+        images = re.match(r"show (\d+) boards", change.what)
+        typed = {"board": f"{cells[1]}x{cells[2]} {cells[3] or before.plan.captures.board.cell} mm"} if cells else {}
+        typed |= {"boards": int(images[1])} if images else {}
+        if typed:
+            after = Protocol.of(design, PlanOptions.of(**asked | typed))
+            assert set(before.cover.covered_mm) <= set(after.cover.covered_mm)
+            if not design.elements:
+                spans = after.plan.captures.board.cell * float(camera.A) / (after.plan.captures.ends[1] - design.d_3)
+                assert spans >= 5 * design.d
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,9 @@ from tests.bench.made import BOARD, CELL, RAYS, SAMPLING, board_scene
 from tests.bench.made import POSES as FOUR_POSES
 from tests.bench.made import small as small_camera
 from tests.docs.described import undescribed
+from tests.reporting.made import few_builds, few_waves
 
+pytestmark = pytest.mark.usefixtures("found_once")
 POSES = [*FOUR_POSES, (12, -24, -20)]
 NAMES = (
     *("quantities", "ruler", "variance_shares", "r_hat", "bulk_ess", "tail_ess", "fit", "steps_one_and_two", "joint"),
@@ -121,7 +123,7 @@ def test_lengths_of_a_rendered_camera_come_back(capsys, captured, small, tmp_pat
     assert "Run again" in page
 
 
-def test_without_posterior_the_same_bytes_and_gaussian_intervals(capsys, captured, tmp_path, blank_pngs):
+def test_without_posterior_the_same_bytes_and_gaussian_intervals(capsys, captured, tmp_path, blank_pngs, found_once):
     out = tmp_path / "a"
     options = ["--design", captured / "small.toml", "--board", BOARD, "-o", out, "--no-posterior", "--json"]
     code, said, _ = run(capsys, "calibrate", captured / "images", *options, "--f-sigma", "0.5 mm")
@@ -131,6 +133,7 @@ def test_without_posterior_the_same_bytes_and_gaussian_intervals(capsys, capture
     assert sorted(p.name for p in out.iterdir() if p.suffix == ".png") == names
     assert "Laplace" in (out / "posterior.svg").read_text()
     text = (out / "calibration.json").read_text()
+    found_once.clear()
     options = {"f_sigma": "0.5 mm", "distortion": 0, "posterior": False}
     again = roslf.calibrate(captured / "images", captured / "small.toml", BOARD, **options)
     assert f"{json_text(again.to_dict())}\n" == text
@@ -491,7 +494,7 @@ def test_boards_come_in_the_order_of_their_numbers_without_previews(tmp_path):
         read_capture(tmp_path / "b1.png")
 
 
-def test_sensor_and_pupil_are_measured_and_used(capsys, captured, small, tmp_path):
+def test_sensor_and_pupil_are_measured_and_used(capsys, captured, small, tmp_path, monkeypatch, blank_pngs):
     """Counts with noise of a sensor and a pupil other than the design's: both come back, in depth as well."""
     rng, gain, read, black = np.random.default_rng(4), 2.0, 6.0, 120
     built = small.replace(D_F=0.94 * small.D_F)
@@ -545,6 +548,8 @@ def test_sensor_and_pupil_are_measured_and_used(capsys, captured, small, tmp_pat
     believed = noise["read_noise"] * noise["times_believed"]  # views differ by the rendering's scatter besides
     assert believed == pytest.approx(np.hypot(sensor["read_noise"]["value"], gain / np.sqrt(12)), rel=0.01)
     sheet = tmp_path / "sheet.html"
+    few_builds(monkeypatch)
+    few_waves(monkeypatch)
     code, said, err = run(capsys, "datasheet", captured / "small.toml", "--calibration", out, "-o", sheet)
     assert (code, err) == (0, "")
     assert "aperture.diameter" in sheet.read_text()

@@ -10,6 +10,7 @@ import pytest
 
 from roslf_design.cli import main
 from roslf_design.commands.terminal import StatusLine, bar, status_and_bars, tell_cost, typed
+from tests.reporting.made import few_builds, few_waves
 
 
 class Terminal(io.StringIO):
@@ -120,6 +121,8 @@ def test_bars_follow_each_other_and_status_lines(monkeypatch):
 @pytest.mark.parametrize("command", [["optimize", "studies/optimize-rigid-scope/study.toml"], ["report", "paper"]])
 def test_long_commands_say_in_a_log_how_far_they_are(command, tmp_path, monkeypatch, capsys, root):
     monkeypatch.setattr("roslf_design.commands.terminal.LOGGED", 0.0)
+    few_builds(monkeypatch)
+    few_waves(monkeypatch)
     monkeypatch.chdir(root)
     if command[0] == "optimize":
         text = (root / command[1]).read_text()

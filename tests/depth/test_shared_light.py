@@ -10,7 +10,7 @@ import roslf_design as roslf
 from roslf_design.calibration.decoding import LightField, _HexagonalRows, squared
 from roslf_design.camera import Camera
 from roslf_design.depth.measure import SETTLING, _shared_noise
-from roslf_design.depth.unmixing import LEAST, PreparedViews, ViewLight, _shown
+from roslf_design.depth.unmixing import FREQUENCIES, LEAST, TURNS, PreparedViews, ViewLight, _shown, returned
 from roslf_design.theory.disparity_error import image_parts, waves_shown
 from roslf_design.theory.exit_pupil import microlens_image_pitch
 from roslf_design.theory.stop_images import MicrolensImages
@@ -19,28 +19,74 @@ from tests.depth.made import Texture
 WINDOW = 5
 
 
-@pytest.mark.parametrize("c", [-0.6, -0.2, 0.4])
-def test_noise_of_shared_pixels_is_that_of_pixels_drawn_one_by_one(c):
-    """Each microlens has a pixel of its own and shares one with each of four neighbours, whose noise pulls both."""
-    rng, first = np.random.default_rng(1), 1.7
-    own, shared = math.sqrt(1 - abs(c)), math.sqrt(abs(c) / 4)
+def by_waves(c, back, first):
+    """Variance of disparities over a wide field, by the spectra of their errors; the median taken for the mean."""
+    k = np.fft.fftfreq(128)
+    lines = np.sinc(WINDOW * k) / np.sinc(k)
+    lag, wide = WINDOW // 2 + 2, np.sinc((2 * WINDOW + 1) * k) / np.sinc(k)
+    bends = 2 * (1 - np.cos(2 * math.pi * lag * k)) * (WINDOW**2 - 1) / 24 / lag**2
+    mean, near = np.multiply.outer(lines, lines), np.add.outer(np.cos(2 * math.pi * k), np.cos(2 * math.pi * k)) / 2
+    smoothed = mean * (1 + 2 * np.add.outer(bends, bends) * np.multiply.outer(wide, wide))
+    times = back * near * mean * smoothed
+    square = sum(times**number for number in range(SETTLING + 1)) ** 2 * (1 - c * near)
+    square += (first**2 - 1) * times ** (2 * SETTLING)
+    return (mean**2 * square).mean() / (mean**2).mean()
 
-    def mean(pulls):
-        return ndimage.uniform_filter(pulls, (0, WINDOW, WINDOW), mode="wrap")
 
-    def neighbours(values):
-        return sum(np.roll(values, step, axis) for step in (1, -1) for axis in (1, 2)) / 4
+@pytest.mark.parametrize(("c", "back"), [(-0.6, -0.5), (-0.2, 0.0), (0.0, 0.2), (0.2, 0.2), (0.4, 0.6)])
+def test_noise_of_shared_pixels_is_that_of_their_spectrum(c, back):
+    """Pixels that two microlenses share pull both; errors come back in each round, smoothed and straightened."""
+    drawn = _shared_noise(c, back, 1.7, WINDOW, (100, 100))
+    assert drawn == pytest.approx(by_waves(c, back, 1.7), rel=0.1)
 
-    pulls = own * rng.standard_normal((60, 60, 60))
-    for axis in (1, 2):
-        noise = shared * rng.standard_normal(pulls.shape)
-        pulls += noise - math.copysign(1, c) * np.roll(noise, 1, axis)
-    alone = mean(rng.standard_normal(pulls.shape)).var()
-    before = mean(pulls + math.sqrt(first**2 - 1) * rng.standard_normal(pulls.shape))
-    for _ in range(SETTLING):
-        before = mean(pulls) + mean(c * neighbours(mean(before)))
-    again, beside = _shared_noise(c, WINDOW)
-    assert before.var() / alone == pytest.approx(again + beside * (first**2 - 1), rel=0.05)
+
+@pytest.mark.parametrize("disparity", [0.4, -0.4])
+def test_the_picture_brings_back_as_much_of_an_error_as_is_seen_when_neighbours_are_taken_off(disparity):
+    """By views that are freed along disparities that are off, again and again: nothing of waves and their sums."""
+    paper = roslf.load("paper")
+    camera = Camera.of(paper.replace({"aperture.diameter": 1.4 * paper.D_F}))
+    pitch = abs(float(microlens_image_pitch(camera) / camera.q))
+    s, u, off = np.arange(-9, 10.0), np.arange(28.0) - 14, 0.02
+    images = MicrolensImages(camera, [(0.0, 0.0)])
+    light = image_parts(images, s / pitch, s / pitch).light.sum(0)[0]
+    lit = (np.where(light > 0.1, light, 0)[..., None, None] * np.ones((28, 28))).astype(np.float32)
+    field = LightField(np.ones_like(lit), lit, s, s, u, u, pitch)
+    views = ViewLight(camera, field)
+    looks = PreparedViews(field, *views.looks)
+    # Every wave that is summed over, each as strong in every octave.
+    rng, picture, slope = np.random.default_rng(2), np.full((28, 28), 5.0), np.zeros((2, 28, 28))
+    for turn in math.pi * np.arange(TURNS) / TURNS:
+        for k in 0.5 * np.array(FREQUENCIES):
+            way = 2 * math.pi * k * np.array([math.cos(turn), math.sin(turn)])
+            angle = way[0] * u + way[1] * u[:, None] + rng.uniform(0, 2 * math.pi)
+            picture += 0.03 / math.sqrt(k) * np.cos(angle)
+            slope -= 0.03 / math.sqrt(k) * way[:, None, None] * np.sin(angle)
+
+    def freed(b, shown):
+        return views.with_shared(field, looks, np.full((28, 28), b), shown).field
+
+    right = freed(disparity, picture)
+    weight, pupil = right.weight.astype(float), looks.pupil[..., None, None]
+
+    def mean(values):
+        return (weight * values).sum((0, 1)) / np.maximum(weight.sum((0, 1)), 1e-12)
+
+    def at_middle(change):  # the view from s sees at u + B s what the middle sees at u
+        out = np.empty_like(change)
+        for t, n in np.ndindex(*change.shape[:2]):
+            out[t, n] = ndimage.shift(change[t, n], -disparity * looks.pupil[::-1, t, n], order=5, mode="nearest")
+        return out
+
+    change = np.zeros_like(picture)
+    for _ in range(5):
+        change = mean(at_middle(freed(disparity + off, picture + change).values - right.values))
+    moved = at_middle(freed(disparity, picture + change).values - right.values)
+    lever = (pupil[0] - mean(pupil[0])) * slope[0] + (pupil[1] - mean(pupil[1])) * slope[1]
+    inner = (..., slice(7, -7), slice(7, -7))
+    brought = -(weight * lever * moved)[inner].sum() / (weight * lever**2)[inner].sum() / off
+    expected = returned(views, looks._replace(field=right), disparity)
+    assert 0.1 < expected < 0.4
+    assert brought == pytest.approx(expected, abs=0.02)
 
 
 def test_neighbours_show_the_finest_detail_where_it_is():

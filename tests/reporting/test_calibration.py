@@ -222,9 +222,9 @@ def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine():
     assert f"± {there:.3g} mm at 300 mm ahead of the tip" in depth.text
     assert depth.text.count("there the model alone tells depth") == 1  # boards stand about the focal plane
     assert "the model alone tells depth. Assumes a " in depth.text
-    assert "board; tolerances, which a report and a story know before" in depth.text
+    assert "cells; tolerances, which a report and a story know before" in depth.text
     built = LengthCovariance(("sensor.distance",), np.array([[1e-6]]))
-    assert "board and tolerances known before" in plan_finding(paper, asked, built).section.blocks[1].items[0].text
+    assert "cells and tolerances known before" in plan_finding(paper, asked, built).section.blocks[1].items[0].text
     required = paper.replace({"required": {"u_z_mm": [{"max": 1e3}, {"at": 300.0, "max": 1e3}]}})
     lengths_known = planned_lengths(required, asked)
     grounds = basis(required, None, CalibrationSpread("as planned", required, lengths_known), asked.at)

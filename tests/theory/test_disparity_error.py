@@ -331,6 +331,18 @@ def test_builds_far_from_alike_are_those_taken_one_by_one():
         assert float(QUANTITIES["sigma_disparity_pitches"](one)) == pytest.approx(together[k], rel=8e-4)
 
 
+@pytest.mark.parametrize(("name", "at"), [("arthroscope", 5.0), ("paper", 600.0)])
+def test_many_builds_out_of_focus_are_those_taken_one_by_one(name, at):
+    """Sigma to the 1e-4 that series promise."""
+    draw, places = np.random.default_rng(2), ("sensor.distance", "aperture.diameter", "main_lens.focal_plane")
+    camera = Camera.of(roslf.load(name))
+    many = camera.replace({place: camera[place] * np.exp(2e-3 * draw.normal(size=800)) for place in places})
+    together = axial_disparity_sigma(many, seen_at(many, at))
+    for k in (*range(0, 800, 100), int(np.argmin(together)), int(np.argmax(together))):
+        alone = many.build(k)
+        assert float(axial_disparity_sigma(alone, seen_at(alone, at))) == pytest.approx(together[k], rel=1e-4)
+
+
 @pytest.mark.parametrize("name", ["grin-needle", "rigid-scope"])
 def test_few_builds_that_differ_little_are_those_taken_one_by_one(name):
     camera, at = Camera.of(roslf.load(name)), np.random.default_rng(3)

@@ -19,8 +19,8 @@ from ...calibration.cover import BoardCover
 from ...calibration.fit import VISIBLE
 from ...calibration.misfit import DISAGREE
 from ...calibration.model import QUANTITIES, UNITS
-from ...calibration.options import PlanOptions, calibration_plan, lengths_after, plan_cover
-from ...calibration.planning import LEAST_GAIN, NO_GAIN, too_large
+from ...calibration.options import PlanOptions, calibration_plan, lengths_after, plan_cover, wider_board
+from ...calibration.planning import LEAST_GAIN, NO_GAIN, smaller_board, too_large
 from ...calibration.result import LAPLACE, Outcome
 from ...calibration.space import SceneSide
 from ...calibration.written import file_in, read_numbers
@@ -433,14 +433,19 @@ def _changed_depths(design: Design, plan: CapturePlan, build: LengthCovariance |
     return dict(sorted(after.items(), key=lambda pair: pair[1]))
 
 
-def cover_statement(cover: BoardCover) -> Statement | None:
-    """Distances required or asked for that a plan's boards cover, and why not the others; None where there are none."""
+def cover_statement(cover: BoardCover, wider: str = "") -> Statement | None:
+    """Distances required or asked for that a plan's boards cover, and why not the others; None where there are none.
+
+    `wider` is a board that covers more, as text.
+    """
     if not (cover.covered_mm or cover.uncovered):
         return None
     covered = listed([f"{number(z, 4)} mm" for z in cover.covered_mm]) if cover.covered_mm else "nothing"
     text = f"Of the distances ahead of the tip that matter here, boards cover {covered}"
     missed = "".join(f"; {one}" for one in cover.uncovered)
     remedy = "There the model alone tells depth." if missed else ""
+    if wider:
+        remedy += f' A board of "{wider}" covers more.'
     return Statement("caution" if missed else "plain", f"{text}{missed}.", remedy)
 
 
@@ -456,8 +461,8 @@ def plan_blocks(
     white = "" if asked.white_pitch is None else f", the white image's pitch to {asked.white_pitch}"
     elements = "".join(f", {place} to {sigma}" for place, sigma in asked.sigma.items())
     text = (
-        f"{c.boards} images of a {size} board of "
-        f"{length(c.board.cell)} cells, tilted by up to {math.degrees(c.tilt):.3g} degrees, "
+        f"{c.boards} images of a board of {size} cells of {length(c.board.cell)}, "
+        f"tilted by up to {math.degrees(c.tilt):.3g} degrees, "
         f"{c.distance:.4g} ± {c.distance_range / 2:.3g} mm "
         f"in front of the lens; corners found to {c.noise:g} pitches in {len(c.view_grid())} views; focal length known "
         f"to {asked.f_sigma}, {known}{white}{elements}. Standard deviations are from the Fisher matrix, medians over "
@@ -478,13 +483,14 @@ def plan_blocks(
     places |= {f"at {number(z, 4)} mm ahead of the tip": planned_depth(design, plan, asked, build, z) for z in asked.at}
     mostly = {where: one.mostly.replace(";", ", but") for where, one in places.items()}
     depths = [f"± {_rounded(one.expanded_mm)} {where}, {mostly[where]}" for where, one in places.items()]
-    promise = f"Calibration as planned: depth, expected, to U = {'; '.join(depths)}. Assumes a {size} board{assumed}."
+    promise = f"Calibration as planned: depth, expected, to U = {'; '.join(depths)}."
+    promise += f" Assumes a board of {size} cells{assumed}."
     remedy = sentence(f"{best}: ± {_rounded(2 * after[best])} in the focal plane") if helps else NO_GAIN
     answers = [Statement("plain", promise, remedy)]
     large = too_large(design, c)
     if large:
-        answers.append(Statement("caution", sentence(large), "Choose a smaller board."))
-    answers += filter(None, [cover_statement(plan_cover(design, c, asked))])
+        answers.append(Statement("caution", sentence(large), sentence(smaller_board(design, c))))
+    answers += filter(None, [cover_statement(plan_cover(design, c, asked), wider_board(design, c, asked))])
     answers.append(_promise(design, plan))
     sigmas = "".join(f' --sigma "{place}={sigma}"' for place, sigma in asked.sigma.items())
     command = f'roslf calibrate CAPTURES --design design.toml --board "{c.board.text}"{sigmas} -o calibration'

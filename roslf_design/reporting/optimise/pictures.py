@@ -207,7 +207,7 @@ def bore_and_stop(field: Array, bore: Array, stop: Array, misplaced: Array) -> P
 
 def robust_yields(rows: Sequence[tuple[str, float, float]]) -> Picture:
     """Draw the share of builds that hold each constraint: rows of name, share of the nominal, of the robust design."""
-    width, each, names = 672, 38.0, [name for name, *_ in rows]
+    width, each, names = 672, 28.0, [name for name, *_ in rows]
     marks: list[Mark] = []
     for k, (_, *shares) in enumerate(rows):
         for share, shift, colour in zip(shares, (-0.2, 0.2), ("grey", "blue"), strict=True):

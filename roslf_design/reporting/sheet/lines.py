@@ -352,7 +352,7 @@ def _required_lines(required: Iterable[Requirement], traced: bool) -> Iterator[_
         if of_builds and one.at_mm is not None:
             of, own = partial(_at_distance, QUANTITIES[one.quantity], one.at_mm, 1.0), ""
         mark = f"{MARKS['limit']} " if one.met and one.only else ""
-        told = [f"{mark}{one.outcome}: {one.limits}", one.counts]
+        told = [f"{mark}{one.outcome}: {one.both_limits}", one.expanded(one.value), one.counts]
         text = "none" if one.value is None else ""
         yield _SheetLine(REQUIRED, one.label, one.value, one.unit, "; ".join(filter(None, told)), own, text, of)
 

@@ -121,12 +121,17 @@ def headline(result: StudyResult) -> str:
     )
 
 
-def depth_sentence(budget: DepthBudget | None, design: Design) -> str:
-    """Sentence on the depth that a build measures if nobody calibrates it."""
+def depth_sentence(budget: DepthBudget | None, plan: TolerancePlan) -> str:
+    """Sentence on the depth that a build measures if nobody calibrates it, and what adjustments are for."""
     if budget is None:
         return "Microlenses are focused on the scene, not on the pupil: depth from views does not apply."
-    ahead = number(_focus(design))
-    return f"Depth, expected, of a build that nobody calibrates: {budget.words}, in the focal plane, {ahead} mm ahead."
+    design = plan.question.design
+    where = f"in the focal plane, {number(_focus(design))} mm ahead"
+    text = f"Depth, expected, of a build that nobody calibrates: {budget.words}, {where}."
+    if not plan.adjusters:
+        return text
+    adjusted = words.listed([short_name(adjuster.place, design) for adjuster in plan.adjusters])
+    return f"{text} The study adjusts {adjusted} to its limits, not to the focus."
 
 
 def _focus(design: Design) -> float:
@@ -225,7 +230,7 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
     if result.precision is not None:
         accuracy = result.precision.accuracy
         yield Statement("caution" if accuracy.kept is False else "plain", words.sentence(accuracy.sentence(False)))
-    yield Statement("plain", depth_sentence(result.depth, result.plan.question.design))
+    yield Statement("plain", depth_sentence(result.depth, result.plan))
     weakest = result.final.weakest
     share = 100 * weakest.result.value
     least = f"The weakest limit is that on {in_words(weakest.label)}: {share:.2f} % {_of_those(result)}hold it."

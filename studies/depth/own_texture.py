@@ -1,0 +1,106 @@
+"""The texture that windows of a simulated scene really have: random, it is stronger in some than in others."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from roslf_design.camera import Camera
+from roslf_design.depth.geometry import ArrayGeometry, disparity_of
+from roslf_design.depth.pictures import chief_rays
+from roslf_design.design import Design
+from roslf_design.imaging.surfaces import encode, met
+from roslf_design.scenes import Noise, Plane, Scene, Sphere
+
+Array = NDArray[np.float64]
+
+OCTAVES, NODES, ANGLES = 6, 8, 16
+"""Octaves of `Noise`, waves looked at in each, and their directions."""
+ACROSS, WEIGHTS = np.polynomial.legendre.leggauss(3)
+"""Places across a microlens over which it averages."""
+TINY = 1e-18
+"""Square of steps [mm] that keeps those of what is not seen from being singular."""
+ASIDE = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]) / 4
+"""Where views look beside the chief ray, of the disparity: with the mean square of a disc of half its width."""
+
+
+def own_texture(design: Design, scene: Scene, places: Array, z: Array, window: int) -> Array:
+    """Standard error that windows' own texture allows over that of the texture's spectrum.
+
+    The information of a window is the sum over its microlenses of the squared slope of what they average, over the
+    light there. It is taken from the radiance that chief rays meet, and from the waves of `Noise`, as strong in each
+    octave, as they are seen there; nothing of the theory of disparity errors is used.
+
+    Parameters
+    ----------
+    design : Design
+    scene : Scene
+        Walls or a sphere with `Noise` of one kind.
+    places : ndarray, shape (v, u, 2)
+        Of microlenses on the array [mm].
+    z : ndarray, shape (v, u)
+        What their chief rays meet [mm], NaN where they meet nothing.
+    window : int
+        Microlenses along its sides.
+
+    Returns
+    -------
+    ndarray, shape (v, u)
+        NaN where nothing is seen in the window.
+    """
+    camera, traced = Camera.of(design.thin_twin), ArrayGeometry(design).traced
+    d = float(design.microlens_array.pitch)
+    b = disparity_of(camera, np.where(np.isfinite(z), z, math.inf))
+    middle = places[..., None, :] + d * b[..., None, None] * ASIDE
+    # From edge to edge of a microlens, along x and along y, places along both edges: (axis, edge, place, 2).
+    along_x = np.array([[(side, at) for at in ACROSS] for side in (-1, 1)])
+    points = middle[..., None, None, None, :] + d / 2 * np.stack([along_x, along_x[..., ::-1]])
+    rays = chief_rays(camera, traced, points.reshape(-1, 2))
+    surfaces = encode(scene, float(camera["main_lens.focal_plane"]), camera.chain.mirrored)
+    distance, radiance = met(surfaces, float(camera.tip), rays)
+    hits = np.column_stack([rays[:, :2] - rays[:, 2:] * distance[:, None], distance])
+    light = radiance.reshape(points.shape[:-1]) @ WEIGHTS / 2
+    ends = WEIGHTS / 2 @ _on_surface(scene, hits, camera.chain.mirrored).reshape(*points.shape[:-1], 3)
+    along = ends[..., 1, :] - ends[..., 0, :]
+    texture = next(thing.texture for thing in scene.surfaces if isinstance(thing, Plane | Sphere))
+    if not isinstance(texture, Noise):
+        raise TypeError(f"a texture of waves is needed, not {texture.kind}")
+    seen = np.asarray(np.isfinite(along).all((-2, -1)))
+    along = np.where(seen[..., None, None], along, 0.0)
+    steps = np.asarray(np.linalg.cholesky(along @ np.swapaxes(along, -1, -2) + TINY * np.eye(2)), float)
+    expected = (texture.mean * texture.contrast) ** 2 * _of_spectrum(steps, texture.finest) / light[seen].mean()
+    own = (light[..., 1] - light[..., 0]) ** 2 / light.mean(-1)
+    means = (np.where(seen[..., None], one, 0.0).sum(-1).mean(-1) for one in (expected, own))
+    waves, told = (ndimage.uniform_filter(one, window, mode="nearest") for one in means)
+    return np.sqrt(np.divide(waves, told, out=np.full_like(told, np.nan), where=told > 0))
+
+
+def _of_spectrum(steps: Array, finest: float) -> Array:
+    """Mean square of what two edges of a microlens differ by along both axes, of noise of contrast 1 in each octave.
+
+    `steps` are those on the surface [mm] from one microlens to the next, shape (..., 2, 2), but for a turn of it.
+    """
+    octaves = (np.arange(OCTAVES * NODES) + 0.5) / NODES
+    angles = (np.arange(ANGLES) + 0.5) * math.pi / ANGLES
+    total = np.zeros(steps.shape[:-1])
+    for frequency in 2.0**-octaves / finest:
+        for angle in angles:
+            phase = steps @ np.array([math.cos(angle), math.sin(angle)]) * frequency
+            across = np.sinc(phase[..., ::-1])
+            total += (2 * np.sin(math.pi * phase) * across) ** 2
+    return total / (NODES * ANGLES)
+
+
+def _on_surface(scene: Scene, points: Array, mirrored: Array) -> Array:
+    """Places on the texture of what is met, where that is a sphere; distances between them are as on the texture."""
+    sphere = next((thing for thing in scene.surfaces if isinstance(thing, Sphere)), None)
+    if sphere is None:
+        return points
+    across = points[:, :2] - 2 * (points[:, :2] @ mirrored)[:, None] * mirrored
+    x, y = (across - sphere.centre).T
+    along = sphere.radius * np.arctan2(x, sphere.distance - points[:, 2])
+    up = sphere.radius * np.arcsin(np.clip(y / sphere.radius, -1, 1))
+    return np.column_stack([along, up, np.zeros_like(up)])
