@@ -325,18 +325,15 @@ class TracedViews:
     def image_maps(self, c: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Images of the FAP through microlenses (n, 2) in the lens's frame.
 
-        Maps to places on them from those by first order, along the array's axes (n, 2, 2); how far the middles of their
-        area lie from chief rays, half as far again as those of rays evenly spread over the rim, which coma crowds on
-        one side, in the lens's frame (n, 2) [mm]; where all rays came.
+        Maps to places on them from those by first order, along the array's axes (n, 2, 2); how far their middles lie
+        from chief rays, in the lens's frame (n, 2) [mm]; where all rays came.
         """
         mounted, points, turned = self.mounted, _ring(RINGS[-1]), _turned(self.design)
         middle = sensor_of_pupil(mounted, c, mounted.fap.centre)
         rim = sensor_of_pupil(mounted, c[:, None], mounted.fap.centre + self._on_fap(points))
         at = rim.sensor - middle.sensor[:, None]
         image = _linear(self._by_first_order(points) @ turned.T, at @ turned.T)
-        along = np.fft.ifft(1j * np.fft.fftfreq(SPOKES, 1 / SPOKES)[:, None] * np.fft.fft(at, axis=1), axis=1).real
-        swept = (at[..., 0] * along[..., 1] - at[..., 1] * along[..., 0])[..., None]
-        return image, 2 / 3 * (at * swept).mean(1) / swept.mean(1), middle.ok & rim.ok.all(-1)
+        return image, at.mean(1), middle.ok & rim.ok.all(-1)
 
     def _spread(self, field: LightField, shape: Array) -> NDArray[np.float32]:
         """Means of `_over_pupil` over the light of each sample, less those at its mean place, shape (terms, t, s).
