@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -200,6 +200,17 @@ class TracedViews:
         image, _, good = self.image_maps(microlenses(self.design, places))
         return np.where(good[:, None, None], image, np.eye(2))
 
+    def apart(self, places: Array) -> Array:
+        """How far neighbours' images lie apart, as `TracedLens` has it; as by first order where rays do not come."""
+        beside = AROUND * float(self.camera.d) * np.concatenate([np.eye(2), -np.eye(2)])
+        c = microlenses(self.design, (places + beside[:, None]).reshape(-1, 2))
+        middle = sensor_of_pupil(self.mounted, c, self.mounted.fap.centre)
+        _, shift, whole = self.image_maps(c)
+        after, before = ((middle.sensor + shift) @ _turned(self.design).T).reshape(2, 2, len(places), 2)
+        apart = np.moveaxis(after - before, 0, 1) / (2 * AROUND * float(microlens_image_pitch(self.camera)))
+        good = np.asarray((middle.ok & whole).reshape(4, -1).all(0))
+        return np.where(good[:, None, None], apart, np.eye(2))
+
     def aside(self, places: Array, pupil: Array) -> Array:
         """How far to the side views from points on the FAP see, as `TracedLens` has it."""
         coefficients = self._polynomials(places)[0][1]
@@ -211,10 +222,12 @@ class TracedViews:
         self, field: LightField, places: Array, waves: Array, disparities: Array
     ) -> Iterator[tuple[NDArray[np.complex128], Array]]:
         """Waves as microlenses show them, as `TracedLens` has it."""
-        (coefficients, room), images = self._polynomials(places), self.images(places)
-        sampled, shown, where = _Sampled.of(self.camera, field, images), [], []
-        waving, still = sampled.among_neighbours(waves), sampled.among_neighbours(np.zeros((1, 2)))
-        for image, (pupil, aside, fap), left in zip(images, np.moveaxis(coefficients, 0, 1), room, strict=True):
+        (coefficients, room), images, apart = self._polynomials(places), self.images(places), self.apart(places)
+        each_of = zip(images, apart.diagonal(0, 1, 2), np.moveaxis(coefficients, 0, 1), room, strict=True)
+        shown, where = [], []
+        for image, between, (pupil, aside, fap), left in each_of:
+            sampled = replace(_Sampled.of(self.camera, field, image[None]), apart=tuple(between))
+            waving, still = sampled.among_neighbours(waves), sampled.among_neighbours(np.zeros((1, 2)))
             powers, inside = sampled.image(image, fap, left)
             lit, mine = (np.where(part > DARKEST, part, np.inf) for part in (still(inside[None]).real, sampled(inside)))
             each = [np.tensordot(aside + b * pupil, powers, (0, 0)) for b in disparities.tolist()]
@@ -402,7 +415,9 @@ class _Sampled:
     camera: Camera
     field: LightField
     at: Array
-    """Places along each axis that images are known at [image pitches], shape (points,)."""
+    """Places along each axis that images are known at [distances between them], shape (points,)."""
+    apart: tuple[float, float] = (1.0, 1.0)
+    """Distances between neighbours' images along each axis [image pitches]; skew is left out."""
 
     @classmethod
     def of(cls, camera: Camera, field: LightField, shapes: Array) -> _Sampled:
@@ -418,7 +433,7 @@ class _Sampled:
         """
         camera = self.camera
         width = abs(float(microlens_image_diameter(camera) / microlens_image_pitch(camera)))
-        grid = np.tensordot(np.linalg.inv(shape), np.stack(np.meshgrid(self.at, self.at)), (0, 0))
+        grid = np.tensordot(np.linalg.inv(shape / self.apart), np.stack(np.meshgrid(self.at, self.at)), (0, 0))
         # The microlens turns the FAP round.
         side = -math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
         image = camera.fap.outline.sized(width)
@@ -442,6 +457,12 @@ class _Sampled:
         )  # fmt: skip
 
     @property
+    def samples(self) -> tuple[Array, Array]:
+        """Places of samples along each axis [distances between images]."""
+        along, up = self.apart
+        return self.field.s / (self.field.pitch * along), self.field.t / (self.field.pitch * up)
+
+    @property
     def pitch(self) -> float:
         """Pitch of the images [mm]."""
         return abs(float(microlens_image_pitch(self.camera)))
@@ -459,15 +480,15 @@ class _Sampled:
         pixel = float(self.camera.q) / self.pitch
         (by_x,), (by_y,) = reading(self.field)
         pixels = pixel_box(fx, pixel) * by_x(fx * pixel) * (pixel_box(fy, pixel) * by_y(fy * pixel))
-        return self.lens(fx / self.pitch, fy / self.pitch) * pixels / FINE**2
+        cells = pixel_box(fx, 1 / FINE) * pixel_box(fy, 1 / FINE) * FINE**2  # that rims are blurred by
+        return self.lens(fx / self.pitch, fy / self.pitch) * pixels / cells
 
     @cached_property
     def _alone(self) -> tuple[Array, Any, Array, Array]:
         frequency = np.arange(-math.ceil(self.finest * WIDE), math.ceil(self.finest * WIDE) + 1) / WIDE
         along = np.exp(-2j * math.pi * frequency[:, None] * self.at)
         passed = self.transfer(frequency, frequency[:, None]) / WIDE**2
-        at = (axis / self.field.pitch for axis in (self.field.s, self.field.t))
-        x, y = (np.exp(2j * math.pi * axis[:, None] * frequency) for axis in at)
+        x, y = (np.exp(2j * math.pi * axis[:, None] * frequency) for axis in self.samples)
         return along, passed, x, y
 
     def __call__(self, values: NDArray[Any]) -> NDArray[np.float64]:
@@ -487,11 +508,13 @@ class _Sampled:
         fx = waves[:, 0, None, None] + n[:, None]
         # (wave, order along, order up): rows of a square array are alike in all orders along.
         fy = waves[:, 1, None, None] + (up if np.ptp(up, axis=0).any() else up[:1])
-        s, t = (axis / self.field.pitch for axis in (self.field.s, self.field.t))
+        s, t = self.samples
         across = np.exp(-2j * math.pi * self.at[:, None] * fx[..., 0][:, None])
         down = np.exp(-2j * math.pi * fy[..., None] * self.at)
-        shape, turn = LENS_SHAPES[self.camera.lens_shape], -float(microlens_defocus(self.camera) * self.camera.d)
-        moved = across_lenses(shape, turn / self.pitch, fx, fy, waves.T[..., None, None])
+        # Nearer images of neighbours are those of a nearer pupil, which is out of focus by as much.
+        turn = 1 - np.array(self.apart) - float(microlens_defocus(self.camera) * self.camera.d) / self.pitch
+        shape, periods = LENS_SHAPES[self.camera.lens_shape], waves.T[..., None, None]
+        moved = across_lenses(shape, 1.0, turn[0] * fx, turn[1] * fy, periods)
         passed = self.transfer(fx, fy) * moved / packing.rise
         back = np.exp(2j * math.pi * fy[..., None] * t)
         along = np.exp(2j * math.pi * fx * s)

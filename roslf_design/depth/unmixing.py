@@ -80,6 +80,9 @@ class TracedLens(Protocol):
     def images(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """Images at places on the array (n, 2) [mm] against those of an ideal lens, as `image_parts` takes them."""
 
+    def apart(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How far neighbours' images lie apart there, against first order, row by column (n, 2, 2)."""
+
     def aside(self, places: NDArray[np.float64], pupil: NDArray[np.float64]) -> NDArray[np.float64]:
         """How far to the side views from points on the FAP (2, n, ...) [diameters] see there [pitches]; likewise."""
 
@@ -189,7 +192,15 @@ class ViewLight:
         """`ImageParts` of microlenses at some rows and columns of views; of one where all are alike."""
         rows, columns, _ = self.nodes
         places = self.places[np.ix_(rows, columns)].reshape(-1, 2)
-        return rows, columns, _parts_at(panchromatic(self.camera), places, self.like, self.real)
+        parts = _parts_at(panchromatic(self.camera), places, self.like, self.real)
+        if self.real is None:
+            return rows, columns, parts
+        # Neighbours' images lie where rays have them, which pupils with aberrations bring nearer.
+        steps = np.transpose(PACKINGS[self.camera.layout].steps @ np.transpose(parts.steps))
+        nearer = np.moveaxis(steps @ (np.eye(2) - self.real.apart(places)), 0, 1)[..., None, None, :]
+        slopes = np.gradient(parts.light, self.like.t / self.like.pitch, self.like.s / self.like.pitch, axis=(2, 3))
+        moved = parts.light + nearer[..., 0] * slopes[1] + nearer[..., 1] * slopes[0]
+        return rows, columns, parts._replace(light=np.where(parts.light > 0, np.maximum(moved, 0), parts.light))
 
     @cached_property
     def places(self) -> NDArray[np.float64]:

@@ -127,6 +127,25 @@ def test_views_look_where_snell_sends_them(design, place):
         assert np.abs(at - target).max() < 0.005 * sample
 
 
+def test_light_of_neighbours_falls_where_snell_sends_it():
+    # A quarter of a per cent nearer than by first order, which moved walls by 0.01 to 0.02 pitches.
+    design, place = roslf.load("paper-singlet"), np.array([-7.7, 5.6])
+    camera, oracle = Camera.of(design.thin_twin), Snell(design)
+    pitch, at = abs(float(microlens_image_pitch(camera) / camera.q)), np.arange(-26.0, 27.0)
+    blank = np.ones((at.size, at.size, 1, 1), np.float32)
+    like = LightField(blank, blank, at, at, place[:1] / design.d, place[1:] / design.d, pitch)
+    light = ViewLight(camera, like, TracedViews(design, camera, lambda b: depth_of(camera, b)))
+    own, (_, _, parts) = oracle.image(place)[0], light.parts
+    for step in ((1, 0), (0, -1)):
+        middle = (oracle.image(place + np.multiply(step, design.d))[0] - own) / float(camera.q)
+        # Light on one side of it is that on the other; far tails of diffraction are left out.
+        x, y = (np.where(np.abs(away) < pitch, away, 0.0) for away in (at - middle[0], at - middle[1]))
+        near = np.outer(np.cos(np.pi * y / 2 / pitch) ** 2 * (y != 0), np.cos(np.pi * x / 2 / pitch) ** 2 * (x != 0))
+        shown = parts.light[parts.steps.index(step), 0] * near
+        off = np.array([(shown * x).sum(), (shown.T * y).sum()]) / shown.sum()
+        assert np.abs(off).max() < 5e-4 * pitch
+
+
 def test_images_between_those_worked_out_are_as_snell_has_them(design):
     # They grow with the square of the height: linear from corner to corner they were 0.2 % off, and rims of images that
     # touch then give light to the wrong microlens, which looks a pitch aside.
