@@ -11,7 +11,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from ..lenses.lens_file import shipped_names
-from ..optimization.parts import KINDS, Kind, load_catalogue, read_condition, rows
+from ..optimization.parts import KINDS, Kind, load_catalogue, parse_condition, read_condition, rows
 from ..tables import Table, print_table
 from .terminal import Json, Repeated, json_text, say
 
@@ -47,9 +47,9 @@ def catalogue(
     file
         Further catalogue files of your own, in the same format.
     """
-    conditions = [read_condition(text) for text in where or []]
-    parts = load_catalogue(file or [])
-    chosen = [row for row in rows(parts, kind or KINDS) if all(condition(row) for condition in conditions)]
+    conditions = {text: read_condition(text) for text in where or []}
+    every = list(rows(load_catalogue(file or []), kind or KINDS))
+    chosen = [row for row in every if all(condition(row) for condition in conditions.values())]
     if json:
         print(json_text({"schema": "roslf.catalogue/1", "parts": chosen, "prescriptions": TRACED}))
         return
@@ -77,7 +77,21 @@ def catalogue(
         say(f"{number}  {note}")
     if any(row["kind"] == "lenses" for row in chosen):
         print("\nLenses with a prescription are traced behind main_lens.prescription; of the others f and D are known.")
+    if not chosen:
+        for text, condition in conditions.items():
+            say(f'"{text}" holds for {sum(map(condition, every))} of {len(every)} parts{_theirs(every, text)}')
     print(f"\n{len(chosen)} part{'s' * (len(chosen) != 1)}. Add your own with --file, or in a study.")
+
+
+def _theirs(every: Sequence[Mapping[str, Any]], text: str) -> str:
+    """Clause with the least and the largest value of the key that a condition asks for; empty where it has words."""
+    key = parse_condition(text)[0]
+    own = [row for row in every if isinstance(row.get(key), (int, float, list, tuple))]
+    if not own:
+        return ""
+    each = sorted(own, key=lambda row: float(np.max(row[key])))
+    least, largest = (_cell(row, key, _unit(own, key)) for row in (each[0], each[-1]))
+    return f"; {len(own)} have such a value, from {least} to {largest}"
 
 
 def _unit(rows: Sequence[Mapping[str, Any]], key: str) -> tuple[float, str]:

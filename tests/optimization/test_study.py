@@ -12,6 +12,7 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design import save
+from roslf_design.optimization.parts import load_catalogue, rows
 from roslf_design.optimization.study import read_study
 from roslf_design.optimization.study import run as run_study
 from roslf_design.reporting.blocks import Statements, Table
@@ -204,6 +205,10 @@ def test_catalogue_command(capsys):
     assert code == 0
     assert "MLA150-5C" in out
     assert "unverified" in out
+    code, out, _ = run(capsys, "catalogue", "--kind", "lenses", "--where", "diameter<=1 mm", "--where", "maker=Foo")
+    diameters = [row["diameter"] for row in rows(load_catalogue([]), ["lenses"])]
+    assert f"0 of {len(diameters)} parts" in out
+    assert f"{min(diameters):g} mm to {max(diameters):g} mm" in out
     code, out, err = run(capsys, "catalogue", "--where", "ptch<1 mm")
     assert (code, out) == (2, "")
     assert "did you mean 'pitch'?" in err
