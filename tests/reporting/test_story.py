@@ -273,9 +273,9 @@ def test_a_required_depth_counts_the_builds_of_the_first_look(without_figures, f
     assert "and lengths as built" in told.text
     tables = {table.title: table for table in report.sections[1].blocks if isinstance(table, Table)}
     (required,) = tables["Required"].rows  # one verdict, that of the summary
-    assert required[-1].startswith("met: at most 1000 mm; of ")
+    assert required[-1].startswith("met: at most 1000 mm (U = 2000 mm); U = ")  # as tables show it
     assert "as drawn" not in required[-1]
-    assert f" is {required[1]} (of " in told.text
+    assert f" is {required[1]} (U = " in told.text
     assert "figure to quote" not in tables["Depth, expected"].caption
     assert "Lengths as built are not in it (as a first look builds them, U = " in tables["Depth, expected"].caption
     assert "believe these, which the working range and required depths count" in tables["Depth, expected"].caption
