@@ -468,9 +468,12 @@ def _answers(results: Mapping[str, Any], rows: Rows) -> Iterator[Statement]:
         "; ".join(f"{name}: {', '.join(one.missed(CHANCE))} (worst: {one.worst})" for name, one in surely),
     )
     for name, bar in BARS.items():
-        those = [camera for camera, one in told if name in one.missed(CHANCE)]
-        text = f"{bar.words}: {len(told) - len(those)} of {len(told)} cameras."
-        yield Statement("caution" if those else "good", text, f"Not: {', '.join(those)}." if those else "")
+        surely_not = [camera for camera, one in told if name in one.missed(CHANCE)]
+        perhaps = [camera for camera, one in told if name in one.missed() and camera not in surely_not]
+        text = f"{bar.words}: {len(told) - len(surely_not) - len(perhaps)} of {len(told)} cameras."
+        those = [f"Not: {', '.join(surely_not)}."] * bool(surely_not)
+        those += [f"Open, by no more than {CHANCE:g} standard errors: {', '.join(perhaps)}."] * bool(perhaps)
+        yield Statement("caution" if those else "good", text, " ".join(those))
     unable = sum(one.unable for _, one in told)
     if unable:
         every = sum(len(of_camera(results, name)) for name, _ in told)
