@@ -582,7 +582,7 @@ def test_one_goal_is_set_against_another(page):
         form(page, "optimise").locator(f"[name={name}]").uncheck()
     start(page, "optimise", goal="depth", against="field")
     result(page, "optimise")
-    assert page.locator("[data-picture=front] svg").is_visible()
+    page.locator("[data-picture=front] svg").wait_for(state="visible")  # laid out a moment after the verdict
     assert "field half width" in page.locator("[data-picture=front]").inner_text()
 
 
