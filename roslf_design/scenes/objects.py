@@ -138,7 +138,7 @@ class Noise(Part):
         return _noise(self.contrast, self.mean, self.seed)
 
 
-_TILE, _PER_PERIOD, _OCTAVES = 2048, 8, 6
+_TILE, _PER_PERIOD, OCTAVES = 2048, 8, 6
 """Samples across a tile of noise, and across a period of its finest detail: interpolated, that keeps 95 % of it."""
 
 
@@ -146,10 +146,10 @@ _TILE, _PER_PERIOD, _OCTAVES = 2048, 8, 6
 def _noise(contrast: float, mean: float, seed: int) -> NDArray[np.float32]:
     rng, finest = np.random.default_rng(seed), _TILE / _PER_PERIOD
     order = np.hypot(np.fft.fftfreq(_TILE)[:, None], np.fft.rfftfreq(_TILE)) * _TILE
-    inside = (order >= finest / 2**_OCTAVES) & (order <= finest)
+    inside = (order >= finest / 2**OCTAVES) & (order <= finest)
     amplitude = np.divide(inside, order, out=np.zeros_like(order), where=inside)
     field = np.fft.irfft2(amplitude * np.exp(2j * math.pi * rng.random(order.shape)), s=(_TILE, _TILE))
-    field *= contrast * math.sqrt(_OCTAVES) / max(float(np.sqrt(np.mean(field**2))), 1e-300)
+    field *= contrast * math.sqrt(OCTAVES) / max(float(np.sqrt(np.mean(field**2))), 1e-300)
     array = np.maximum(mean * (1 + field), 0.0).astype(np.float32)
     array.setflags(write=False)
     return array

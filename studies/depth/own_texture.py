@@ -13,11 +13,12 @@ from roslf_design.depth.pictures import chief_rays
 from roslf_design.design import Design
 from roslf_design.imaging.surfaces import encode, met
 from roslf_design.scenes import Noise, Plane, Scene, Sphere
+from roslf_design.scenes.objects import OCTAVES
 
 Array = NDArray[np.float64]
 
-OCTAVES, NODES, ANGLES = 6, 8, 16
-"""Octaves of `Noise`, waves looked at in each, and their directions."""
+NODES, ANGLES = 8, 16
+"""Waves looked at in each octave of `Noise`, and their directions."""
 ACROSS, WEIGHTS = np.polynomial.legendre.leggauss(3)
 """Places across a microlens over which it averages."""
 TINY = 1e-18
