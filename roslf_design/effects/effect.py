@@ -18,6 +18,8 @@ from ..theory.light import SensorField, on_array, sensor_field
 
 Unit = Literal["px", "pitch", "intensity"]
 """Displacement on the sensor [pixels], displacement on the microlens array [pitches], fraction of full scale (rms)."""
+UNIT_WORDS = {"px": "px", "pitch": "pitches", "intensity": "of full scale"}
+"""Units behind a number, as pages have them."""
 
 
 @dataclass(frozen=True)

@@ -127,7 +127,8 @@ def _pixel_integration(s: Subject) -> Estimate:
     order = max(1, math.floor(abs(s.pitch) / float(light.diffraction_width(s.camera))))
     cycles = order * s.design.q / abs(s.pitch)
     share = 1.0 if cycles >= 1 else float(1 - pixel_box(cycles, 1.0))
-    return Estimate(share, f"takes {percent(share, 2)} of harmonic {order} of the microlens-image pitch")
+    finest = f"the finest detail that diffraction passes, {order} to a microlens image"
+    return Estimate(share, f"a pixel's width takes {percent(share, 1)} of the contrast of {finest}")
 
 
 def _veil(s: Subject) -> Estimate:

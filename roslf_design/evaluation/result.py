@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from ..effects.effect import UNIT_WORDS
 from ..effects.lens import EFFECTS
 from ..effects.plan import PlannedEffect
 from ..json_data import plain
@@ -358,8 +359,8 @@ def effects_table(result: Evaluation) -> Table:
     rows = tuple(
         (
             spaced(effect.name),
-            f"{number(effect.estimate, 3)} {effect.unit}",
-            f"{number(effect.budget, 3)} {effect.unit}",
+            f"{number(effect.estimate, 3)} {UNIT_WORDS[effect.unit]}",
+            f"{number(effect.budget, 3)} {UNIT_WORDS[effect.unit]}",
             "on" if effect.on else "off",
             effect.reason,
         )

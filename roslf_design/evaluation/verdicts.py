@@ -68,7 +68,7 @@ def verdicts_of(
     Of focused microlenses that comes before these, with what it means, and no views are judged. What is `asked` stands
     before all of them, but for pixels that make no light-field camera.
     """
-    answers = [_matched(camera, f_number), _undistorted(camera, non_distortion, lens)]
+    answers = [_matched(camera, f_number, lens), _undistorted(camera, non_distortion, lens)]
     first = _resolved(camera, sampling) if focused is None else _focused(camera, focused)
     if first.level == "fault" and focused is None:
         answers = [first, *asked, *answers]
@@ -146,13 +146,17 @@ def _focused(camera: Camera, array: FocusedArray) -> Verdict:
     return Verdict("pupil_imaged", False, "limit", text, remedy)
 
 
-def _matched(camera: Camera, f: Numbers) -> Verdict:
+def _matched(camera: Camera, f: Numbers, lens: RealLens | None) -> Verdict:
+    """By closed forms; behind a real lens with the fill that its traced image at the first field has."""
     kind = "overlap by" if f.mismatch_px > 0 else "leave gaps of"
     images = f"images {kind} {abs(f.mismatch_px):.3g} px" if abs(f.mismatch_px) >= TOUCHING_PX else "images just touch"
     sampled = filtered_views(camera) >= LEAST_VIEWS
     within = -GAP_SLACK <= f.fill_factor - 1 <= OVERLAP_SLACK
     if not sampled:
         images = "which no pixels show"
+    elif lens is not None and lens.fields and (wider := lens.fields[0].widening_percent) is not None:
+        at = place(lens.fields[0].x_ml_mm, 4)
+        images += f" (thin twin; traced through {lens.lens} at {at} mm: {f.fill_factor * (1 + wider / 100):.4g})"
     if within and not sampled:
         text = f"f-number match means nothing yet: image fill {f.fill_factor:.5g}, {images}"
         return Verdict("f_number_matched", False, "limit", text, "mend the pixels first")

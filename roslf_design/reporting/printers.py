@@ -16,6 +16,8 @@ from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from ..drawing.picture import PAGE
 from ..drawing.solid import library, viewer
 from ..drawing.typeset import page_of, typeset, typesetter
@@ -113,7 +115,7 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
         for _ in range(2):  # figures that are smaller let others fit, and others no more
             while more := _fitting(spots(fitting, shares)) - fitting:
                 fitting |= more
-            shares = shares or _filling(partial(spots, fitting))
+            shares = _filling(partial(spots, fitting), shares)
             fitting &= _fitting(spots(fitting, shares))
         write(fitting, shares)
         return _packed(typeset(pages, timestamp=0, root=root))
@@ -131,12 +133,13 @@ def _fitting(placed: Iterable[Mapping[str, Any]]) -> set[str]:
     return {at["name"] for at in placed if at["image"] and told.get(at["name"]) == at["page"]}
 
 
-def _filling(spots: Callable[[Mapping[str, float]], list[dict[str, Any]]]) -> dict[str, float]:
-    """Shares of their size, by name, at which figures leave the figure behind them room on their page.
+def _filling(
+    spots: Callable[[Mapping[str, float]], list[dict[str, Any]]], shares: dict[str, float]
+) -> dict[str, float]:
+    """Shares of their size, by name, at which figures leave those behind room on their page, from `shares` on.
 
     `spots` tells where each figure and block begins and ends, of the document whose figures have such shares.
     """
-    shares: dict[str, float] = {}
     tried: set[str] = set()
     placed = spots(shares)
     while len(tried) < MOST_TRIED and (wanted := _behind_a_gap(placed, shares, tried)) is not None:
@@ -161,11 +164,10 @@ def _behind_a_gap(
         filled = max((at["y"] for at in before if at["kind"] == "flow"), default=end["foot"])
         foot = min([end["foot"], *(at["y"] for at in before if at["kind"] == "begin" and at["y"] > filled)])
         missing = end["y"] + CLEARANCE - (foot - filled)
-        figures = [at for at in (*before, end) if at["drawn"]]
-        for free in (figures, [at for at in figures if at["name"] not in shares]):  # those at full size alone, else
-            share = min(1.0, 1 - missing / max(1.0, sum(at["drawn"] for at in free)))
-            smaller = {at["name"]: shares.get(at["name"], 1.0) * share for at in free}
-            if min(smaller.values(), default=0.0) >= LEAST_SHARE:
+        figures = [(at["drawn"], at["name"], shares.get(at["name"], 1.0)) for at in (*before, end) if at["drawn"]]
+        for share in np.linspace(1.0, LEAST_SHARE, 51):  # those that are small already lessen no further
+            smaller = {name: max(own * float(share), LEAST_SHARE) for _, name, own in figures}
+            if sum(drawn * (1 - smaller[name] / own) for drawn, name, own in figures) >= missing:
                 return end["name"], smaller
     return None
 

@@ -277,7 +277,8 @@ def _tube_remark(c: Camera) -> str:
     unfolded = ", unfolded" if c.chain.folding else ""
     if tube.OUTER in c.numbers:
         return f"of the tube about clear apertures and sensor{unfolded}; {tube.walls(c)}"
-    return f"of the narrowest tube about clear apertures and sensor{unfolded}; mounts come on top"
+    widest = max(tube.housed(c), key=lambda part: float(part.width)).name
+    return f"of the narrowest tube about clear apertures and sensor{unfolded}, widest: {widest}; mounts come on top"
 
 
 def _length_remark(c: Camera) -> str:

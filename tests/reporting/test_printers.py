@@ -70,10 +70,10 @@ def test_figures_a_little_smaller_fill_pages(tmp_path, monkeypatch):
     whole = Report("title", "", (Section("Figures", figures), Section("Text", (Paragraph("end"),))))
     told = []
     filling = printers._filling
-    monkeypatch.setattr(printers, "_filling", lambda spots: told.append(filling(spots)) or told[-1])
+    monkeypatch.setattr(printers, "_filling", lambda *given: told.append(filling(*given)) or told[-1])
     assert len(pages(whole, tmp_path)) == 3
     assert 0.75 <= min(told[0].values()) <= max(told[0].values()) < 1
-    monkeypatch.setattr(printers, "_filling", lambda spots: {})
+    monkeypatch.setattr(printers, "_filling", lambda spots, shares: {})
     assert len(pages(whole, tmp_path)) == 4
 
 

@@ -31,6 +31,7 @@ from ...drawing.svg import redrawn
 from ...errors import InputError, Problem
 from ...input_files import read_bytes
 from ...theory.depth_budget import DepthBudget, depth_budget
+from ...tolerancing.places import short_name
 from ...words import length, listed, number, rounded, sentence
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 from . import pictures
@@ -58,6 +59,8 @@ SOURCES: dict[str, tuple[str, str, str]] = {
     "distances": ("distances", "the boards' distances", "measure them better"),
 }
 """Where variance comes from: at the head of a column, in a sentence, and what lessens it."""
+RATIOS = "H = d_1/A; A: image distance as the pupil sees it; m = d_1/d_f: magnification on the array."
+"""What stands behind the letters that a calibration finds beside the lengths."""
 FIGURES: dict[str, tuple[str, str, Callable[[Outcome], Picture]]] = {
     "residuals": (
         "What the joint fit leaves over",
@@ -239,12 +242,12 @@ def _pupil(result: Outcome) -> Statement:
     """Pupil and veil as the white image tells them."""
     if result.pupil is None:
         reason = "no microlens images fit" if result.white is None else result.white.untold
-        return Statement("plain", f"The white image tells no pupil and no veil: {reason}.", "D_F is the design's.")
+        return Statement("plain", f"The white image shows no pupil and no veil: {reason}.", "D_F is the design's.")
     (value, sigma), design = result.pupil, result.design.D_F
     off = 100 * (value / design - 1)
     text = f"Effective pupil: {rounded(value, sigma)} ± {sigma:.2g} mm, {off:+.2g} % off the design's {design:.4g} mm"
     if result.veil is None:
-        return Statement("plain", f"{text}; its veil is not told without black level and full scale.")
+        return Statement("plain", f"{text}; its veil is not known without black level and full scale.")
     share, error = (100 * part for part in result.veil)
     return Statement("plain", f"{text}; veil {rounded(share, error)} ± {error:.2g} % of full scale.")
 
@@ -336,6 +339,7 @@ def _quantities_table(data: Mapping[str, Any]) -> Table:
         "lrlrrr" + "r" * (len(heads) - 6),
         heads,
         f"Calibrated, with intervals of {'the ' * sampled}{source}",
+        RATIOS,
     )
 
 
@@ -443,7 +447,7 @@ def cover_statement(cover: BoardCover, wider: str = "") -> Statement | None:
     covered = listed([f"{number(z, 4)} mm" for z in cover.covered_mm]) if cover.covered_mm else "nothing"
     text = f"Of the distances ahead of the tip that matter here, boards cover {covered}"
     missed = "".join(f"; {one}" for one in cover.uncovered)
-    remedy = "There the model alone tells depth." if missed else ""
+    remedy = "There depth rests with the model alone." if missed else ""
     if wider:
         remedy += f' A board of "{wider}" covers more.'
     return Statement("caution" if missed else "plain", f"{text}{missed}.", remedy)
@@ -459,7 +463,7 @@ def plan_blocks(
     if asked.d_sigma == asked.cell_sigma:
         known = f"microlens pitch and board to {asked.d_sigma}"
     white = "" if asked.white_pitch is None else f", the white image's pitch to {asked.white_pitch}"
-    elements = "".join(f", {place} to {sigma}" for place, sigma in asked.sigma.items())
+    elements = "".join(f", {short_name(place, design)} to {sigma}" for place, sigma in asked.sigma.items())
     text = (
         f"{c.boards} images of a board of {size} cells of {length(c.board.cell)}, "
         f"tilted by up to {math.degrees(c.tilt):.3g} degrees, "
@@ -511,7 +515,7 @@ def plan_blocks(
     return (
         Paragraph(text),
         Statements(tuple(answers)),
-        Table(rows, "lrl", ("", "expected sigma", ""), "What these captures promise"),
+        Table(rows, "lrl", ("", "expected sigma", ""), "What these captures promise", RATIOS),
         _shares_table(before.shares),
         Table(
             changes,
@@ -581,7 +585,8 @@ def _diffraction(result: Outcome, check: DiffractionCheck) -> Statement:
 
 def _method(result: Outcome) -> str:
     lattice, sheet = result.centres.lattice, result.sheet
-    elements = "".join(f", {known.place} = {known.value:.6g} ± {known.sigma:.2g}" for known in sheet.uncertain)
+    names = ((short_name(known.place, result.design), known) for known in sheet.uncertain)
+    elements = "".join(f", {name} = {known.value:.6g} ± {known.sigma:.2g}" for name, known in names)
     return (
         f"Microlens centres from the white image ({lattice.layout}, pitch {lattice.pitch:.4f} px,"
         f" {result.centres.rms:.3g} px RMS about the lattice): {_lenses_used(result)}. Decoded;"

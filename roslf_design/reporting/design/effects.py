@@ -12,6 +12,7 @@ from ...drawing.marks import Mark, Point, Text, bars
 from ...drawing.panel import Panel, Scale, named_ticks, names_width, threshold
 from ...drawing.picture import Picture
 from ...drawing.theme import PLAIN, SMALL, short, text_width, wrapped
+from ...effects.effect import UNIT_WORDS
 from ...words import spaced
 
 if TYPE_CHECKING:
@@ -27,7 +28,6 @@ FLOOR = 1e-4
 """Shares of the budget below which bars end."""
 LINE = 16.0
 """Height of a line of text [px]."""
-UNITS = {"pitch": "pitches", "intensity": "of full scale", "px": "px"}
 
 
 def effects_budget(effects: Sequence[PlannedEffect], size: Point = (560, 360)) -> Picture:
@@ -44,7 +44,7 @@ def effects_budget(effects: Sequence[PlannedEffect], size: Point = (560, 360)) -
     named = {effect: spaced(effect.name) for effect in effects}
     names = [named[effect] for effect in shown]
     notes = [
-        f"{short(abs(effect.estimate), 3)} {UNITS.get(effect.unit, effect.unit)}{'' if effect.on else ', left out'}"
+        f"{short(abs(effect.estimate), 3)} {UNIT_WORDS[effect.unit]}{'' if effect.on else ', left out'}"
         for effect in shown
     ]
     left = 14 + names_width(names)

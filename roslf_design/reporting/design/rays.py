@@ -48,8 +48,8 @@ CLOSE = 0.125
 """Share of the instrument that a view of its tip shows."""
 STRETCHED = 320.0
 """Height of a section whose heights are drawn larger, where those to scale are flat [px]."""
-LOWEST, TALLEST = 90.0, 270.0
-"""Least height of a section, and greatest of one that is to scale [px]."""
+LOWEST, TALLEST, OVERVIEW = 90.0, 270.0, 200.0
+"""Least height of a section, and greatest of one that is to scale, alone or with the way to the object [px]."""
 
 
 class _LabelledFan(NamedTuple):
@@ -256,7 +256,8 @@ def _section(
     names: list[tuple[float, str]] = []
     for _ in range(3):  # fewer pixels per millimetre may want more rows of names, and these leave fewer
         over = 8 + NAME_ROW * (1 + max(rows))
-        up = TALLEST / (2 * half) if to_scale else max(size[1] - over - under, LOWEST) / (2 * half)
+        tall = (OVERVIEW if whole else TALLEST) if to_scale else max(size[1] - over - under, LOWEST)
+        up = tall / (2 * half)
         along = min(across / (right - left), up) if to_scale else across / (right - left)
         factor = 1.0 if to_scale else up / along
         margin = 0.0 if to_scale else side[0]
@@ -437,7 +438,9 @@ def _glass(design: Design, section: _SectionLayout) -> list[Mark]:
         )
         marks.append(Area(*xy(outline), *GLASS, "sky", 1.2, testid=f"element-{number}"))
         if element.length > 2 * VIEW * section.panel.per_px[0]:
-            marks += _view(element.turn, (near, middle + 0.45 * radius), VIEW, section.panel.per_px)
+            start = middle + 0.45 * radius
+            reach = (half - start) / section.panel.per_px[1] / max(abs(math.sin(element.turn)), 1e-9)
+            marks += _view(element.turn, (near, start), min(VIEW, reach), section.panel.per_px)
         # The denser, the darker.
         marks += [_block(far, near, middle - k * radius, middle + k * radius, "sky", 0.2) for k in element.cores]
     mla, plates = design.microlens_array, [(-plate.far, -plate.near) for plate in design.plates]
@@ -460,7 +463,7 @@ def _view(angle: float, start: tuple[float, float], size: float, per_px: tuple[f
         Line([z, z - size * mm], [x, x], "grey", 0.8, "3 3"),
         Line(z - 0.6 * size * np.cos(arc) * mm, x + 0.6 * size * np.sin(arc) * up, "grey", 0.8),
         Line([z, tip[0]], [x, tip[1]], "ink", 1.4, ends=">", testid="view"),
-        Text(*tip, f"view {math.degrees(angle):.3g}°", "ink", SMALL, "middle", 0, -6 if angle > 0 else 14, plate=True),
+        Text(*tip, f"view {math.degrees(angle):.3g}°", "ink", SMALL, "end", -5, 4 + 3 * np.sign(angle), plate=True),
     ]
 
 
@@ -517,7 +520,7 @@ def _lengths(design: Design, section: _SectionLayout) -> list[Mark]:
     apart = design.d_2 / mm > text_width(beside := f"d_2 = {short(design.d_2)} mm", SMALL) + 24
     if apart:
         rows.append(("d_2", design.d_1, end, 0))
-    below = 0.0
+    below, ordinate = 0.0, 0.0 if section.panel.bare else section.panel.box[0]
     for symbol, start, stop, row in rows:
         level = bottom - (13 + DIMENSION_ROW * row) * up
         words = f"{symbol} = {short(stop - start)} mm"
@@ -532,10 +535,11 @@ def _lengths(design: Design, section: _SectionLayout) -> list[Mark]:
         elif symbol == "d_1":
             below = DIMENSION_ROW  # d_1 stands beside its own line
             marks.append(Text(stop, level, words, "ink", SMALL, dx=8, dy=4))
-        elif section.panel.at(start, level)[0] > text_width(words, SMALL) + 10 or not section.panel.bare:
+        elif section.panel.at(start, level)[0] - ordinate > text_width(words, SMALL) + 10:
             marks.append(Text(start, level, words, "ink", SMALL, "end", dx=-8, dy=4))
-        else:  # in front of its line it would leave the picture; the next row is d_f's where that is shown
-            marks.append(Text(start, level, words, "ink", SMALL, dx=-4, dy=-4 if section.whole else 4 + DIMENSION_ROW))
+        else:  # in front of its line it would leave the picture; below it stands d_f, or what the abscissa says
+            under = section.panel.bare and not section.whole
+            marks.append(Text(start, level, words, "ink", SMALL, dx=-4, dy=4 + DIMENSION_ROW if under else -4))
     if not apart:
         marks.append(Text(end, bottom, beside, "ink", SMALL, dx=8, dy=17 + below))
     return marks

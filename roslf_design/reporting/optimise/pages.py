@@ -208,7 +208,12 @@ def _judged(result: Result) -> Iterator[Goal | Constraint]:
 
 def _about_optimum(result: Result) -> Iterator[Statement]:
     answer = result.answer
-    yield _optimum(answer, _reached(result))
+    optimum, ranking = _optimum(answer, _reached(result)), result.ranking
+    if ranking is not None and ranking.best and ranking.best[0].search.merit < answer.merit - SAME:
+        parts = ", ".join(ranking.ordered(ranking.best[0]).values())
+        better = f"With other parts, first of the list below, it is better: {parts}, {_reached(result, 'parts-01')}."
+        optimum = replace(optimum, text=f"{optimum.text} {better}")
+    yield optimum
     yield _agreement(answer)
     if result.retrace is not None:
         yield _about_trace(result.retrace)

@@ -167,10 +167,11 @@ def goal_front(
         marks.append(Dots(points[:, 0], points[:, 1], "blue", size=4.5))
     if answer is not None:
         marks.append(Dots([answer[0]], [answer[1]], "vermillion", "*", 7))
-        side, dx = ("end", -11.0) if float(x.share(answer[0])) > 0.7 else ("start", 11.0)
-        marks.append(Text(*answer, "the optimum", "vermillion", SMALL, side, dx, 5, halo=True))
+    keys = [dot_key("the optimum", "vermillion", "*", 7)] if answer is not None else []
     panel = Panel((0, 0, 1, 1), x, y, tuple(marks), labels[0], labels[1])
-    picture = one_panel("front", title, size, panel, left=64, right=80 if third else 18)
+    under = legend_height(keys, size[0] - 28) if keys else 0.0
+    tall = max(size[1], text_width(labels[1], PLAIN) + 80, text_width(labels[2], PLAIN) + 80 if third else 0.0)
+    picture = one_panel("front", title, (size[0], tall + under), panel, keys, left=64, right=80 if third else 18)
     (panel,) = picture.panels
     if words:
         left, top, width, _ = panel.box

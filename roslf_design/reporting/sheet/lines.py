@@ -40,6 +40,7 @@ from ...theory.quantities import QUANTITIES
 from ...theory.quantity import Listed, Quantity
 from ...theory.stop_images import MicrolensImages
 from ...tolerancing.metrics import Column
+from ...tolerancing.places import short_name
 from ...tolerancing.trials import first_builds, lengths_built
 from ...traced.fields import IdealImages
 from ...words import listed, number
@@ -48,7 +49,7 @@ from ..design.curves import KnownLengths
 from ..design.figures import depth_figure, dimensions_sheet, glance
 from ..design.rays import dimensions
 from ..lens_words import lens_words
-from ..tolerance.pages import impossible_words
+from ..tolerance.pages import impossible_words, interval_words
 from .resolution import mtf_curves, resolution_map
 
 if TYPE_CHECKING:
@@ -540,17 +541,17 @@ def basis(
     rows = tuple(line for line in lines if sheet.has_views or not line.of_views)
     if built is not None:
         lacking = built.uncounted(required)
-        share, (low, high) = 100 * built.final.result.value, built.final.result.interval
+        share = 100 * built.final.result.value
         sentences.append(
-            f"Tolerances are two standard deviations over {built.plan.trials} Monte Carlo units (builds) of the study "
-            f"{built.plan.name}; yield {share:.2f} % (95 % interval {100 * low:.2f} to {100 * high:.2f} %). "
+            f"Tolerances are two standard deviations over {built.plan.trials:,} Monte Carlo units (builds) of the "
+            f"study {built.plan.name}; yield {share:.2f} % (95 % interval {interval_words(built.final.result)} %). "
             + (f"{OWN_LIMITS}{listed(lacking)}, as required. " if lacking else "")
             + (f"{lost} Tolerances are of the others. " if (lost := impossible_words(built.final)) else "")
             + "Lines that the study does not "
             f"report go by the first {MANY} builds, those at a distance or a field by {FEW}."
         )
     if calibration is not None:
-        names = ", ".join(calibration.lengths.covariance.places)
+        names = ", ".join(short_name(place, design) for place in calibration.lengths.covariance.places)
         others = "" if build is None else ", and over what the tolerances leave open of all others"
         sentences.append(
             f"Uncertainty of one instrument after its calibration, {calibration.words}, is two standard deviations, by "

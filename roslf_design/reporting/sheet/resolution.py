@@ -25,8 +25,11 @@ COLOURS = ("blue", "orange", "green")
 WIDTHS = (4.6, 2.8, 1.2)
 """Widths of the lines: where they lie on each other, each shows beside the next."""
 PLACES = ("centre", "edge", "corner")
-COLUMNS, ROWS, ALIKE = 15, 13, 0.01
-"""Fields and distances of the map; share of detail below which corner and middle show alike."""
+COLUMNS, ROWS, ALIKE, DEEP = 15, 13, 0.01, 5.0
+"""Fields and distances of the map; share of detail below which corner and middle show alike; ratio of its far to its
+near end above which distances are drawn logarithmically."""
+EMS = np.array([22.0, 9.0])
+"""Numbers of lines that find room beside each other across the map, and above each other."""
 
 
 def mtf_curves(design: Design) -> Picture:
@@ -73,9 +76,11 @@ def resolution_map(design: Design) -> Picture:
     places = on_array(camera, middle + share[:, None] * (high - middle))
     images = images_of(design, places)
     near, focus, far = (at for _, at in planes(camera))
-    distances = np.linspace(near, min(far, BEYOND * focus), ROWS)  # farther out hardly anything changes
+    ends = float(near), float(min(far, BEYOND * focus))  # farther out hardly anything changes
+    deep = ends[1] > DEEP * ends[0]
+    distances = np.geomspace(*ends, ROWS) if deep else np.linspace(*ends, ROWS)
     values = np.full((ROWS, COLUMNS), math.nan)
-    title, ahead = f"Detail that {design.name} resolves", Scale(float(distances[0]), float(distances[-1]))
+    title, ahead = f"Detail that {design.name} resolves", Scale(*ends, log=deep)
     for column in (0, COLUMNS - 1, *range(1, COLUMNS - 1)):
         for row, at in enumerate(distances):
             each_way = images.transfer(column, float(at)).limits_each_way((0.5,), "refocused")
@@ -88,11 +93,15 @@ def resolution_map(design: Design) -> Picture:
     known = values[np.isfinite(values)]
     top = float(known.max(initial=0.0)) or 1.0
     x, y = Scale(0.0, 100.0), ahead
-    half_x, half_y = 50 / (COLUMNS - 1), (y.high - y.low) / (ROWS - 1) / 2
-    shades = Image(np.nan_to_num(values), (-half_x, 100 + half_x, y.low - half_y, y.high + half_y), "blue", 0.0, top)
+    half = 0.5 / (ROWS - 1)
+    bottom, over = y.low * (y.low / y.high) ** half, y.high * (y.high / y.low) ** half
+    if not deep:
+        bottom, over = y.low - half * (y.high - y.low), y.high + half * (y.high - y.low)
+    half_x = 50 / (COLUMNS - 1)
+    shades = Image(np.nan_to_num(values), (-half_x, 100 + half_x, bottom, over), "blue", 0.0, top)
     marks: list[Mark] = [shades]
     if known.size == values.size:
-        marks += _lines(share * 100, distances, values)
+        marks += _lines(x, y, share * 100, distances, values)
     else:
         marks.append(Text(50.0, (y.low + y.high) / 2, "dark where nothing is drawn", "ink", SMALL, "middle", halo=True))
     panel = Panel(
@@ -102,11 +111,12 @@ def resolution_map(design: Design) -> Picture:
     return picture.with_panels(colour_bar(picture.panels[0], 0.0, top, "blue", "MTF 50 % at [lp/mm]"))
 
 
-def _lines(x: np.ndarray, y: np.ndarray, values: np.ndarray) -> list[Mark]:
-    """Lines of equal resolution, named."""
+def _lines(across: Scale, up: Scale, x: np.ndarray, y: np.ndarray, values: np.ndarray) -> list[Mark]:
+    """Lines of equal resolution, each named nearest its middle where its number is clear of others' and of the rim."""
     from contourpy import contour_generator
 
     marks: list[Mark] = []
+    numbers: list[np.ndarray] = []
     generator = contour_generator(x, y, values)
     for level in round_ticks(float(values.min()), float(values.max()), 5):
         for points in generator.lines(level):
@@ -114,6 +124,12 @@ def _lines(x: np.ndarray, y: np.ndarray, values: np.ndarray) -> list[Mark]:
             if len(line) < 2:
                 continue
             marks.append(Line(line[:, 0], line[:, 1], "ink", 1.1))
-            at = line[len(line) // 2]
-            marks.append(Text(float(at[0]), float(at[1]), f"{level:g}", "ink", SMALL, "middle", dy=4, halo=True))
+            places = np.column_stack([across.share(line[:, 0]), up.share(line[:, 1])]) * EMS
+            rim = np.minimum(places, EMS - places).min(axis=1)
+            apart = [np.abs(places - one).max(axis=1) for one in numbers]
+            clear = np.flatnonzero(np.min([2 * rim, *apart], axis=0) >= 1)
+            if len(clear):
+                best = clear[np.argmin(np.abs(clear - len(line) // 2))]
+                numbers.append(places[best])
+                marks.append(Text(*map(float, line[best]), f"{level:g}", "ink", SMALL, "middle", dy=4, halo=True))
     return marks

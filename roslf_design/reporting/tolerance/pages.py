@@ -106,18 +106,17 @@ def tolerance_finding(result: StudyResult, *, first_look: bool = False) -> Findi
     title = "A first look at tolerances, by default limits" if first_look else "Tolerances and yield"
     section = Section(title, _tolerance_section(result, first_look=first_look).blocks, "tolerances")
     said = None if first_look else _yield_statement(result, f"{plan.name}; design: {plan.question.design.name}")
-    return Finding(section, said, f"Seed of the {plan.trials} builds: {plan.draws.seed}.")
+    return Finding(section, said, f"Seed of the {plan.trials:,} builds: {plan.draws.seed}.")
 
 
 def headline(result: StudyResult) -> str:
     """Sentence on the yield and its interval."""
-    low, high = result.final.result.interval
     plan = result.plan
     adjusted = "" if len(result.variants) == 1 else f" ({100 * result.variants[0].result.value:.2f} % as built)"
     return (
         f"Yield {100 * result.final.result.value:.2f} %{adjusted}, "
-        f"95 % interval {100 * low:.2f} to {100 * high:.2f} %, "
-        f"{plan.trials} Monte Carlo units (builds), seed {plan.draws.seed}"
+        f"95 % interval {interval_words(result.final.result)} %, "
+        f"{plan.trials:,} Monte Carlo units (builds), seed {plan.draws.seed}"
     )
 
 
@@ -329,8 +328,8 @@ def _quantiles(result: StudyResult, shown: set[str]) -> Table:
     rows = tuple(
         (
             column.label,
-            *(number(value) for value in (column.nominal, column.mean, column.deviation)),
-            *(number(column.quantiles[index]) for index in places),
+            *(number(value) for value in (column.nominal, _within(column.mean, column.deviation), column.deviation)),
+            *(number(_within(column.quantiles[index], column.deviation)) for index in places),
             *((str(column.undefined),) if undefined else ()),
         )
         for column in final
@@ -401,7 +400,7 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
         ("change", "l", lambda change: _change_words(result, change)),
         ("cost", "d", lambda change: _cost(change.cost)),
         ("yield [%]", "d", lambda change: f"{100 * change.result.value:.2f}"),
-        ("95 % interval [%]", "r", lambda change: _interval(change.result)),
+        ("95 % interval [%]", "r", lambda change: interval_words(change.result)),
         ("of builds", "r", lambda change: f"{change.result.trials:,}"),
     )
     if budget.changes:
@@ -428,8 +427,8 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
         after = "after the cheapest change, " if budget.changes else ""
         caption = (
             f"All together, {after}a yield of {share_words(budget.result)}"
-            + ("" if budget.cost is None else f", for {_cost(budget.cost)} in all against now, changes and savings")
-            + ". Saves: of the part's cost, in the unit of the grades' file (as shipped, 1 is its loosest grade)."
+            + ("" if budget.cost is None else f"; changes and savings together, it {cost_words(budget.cost)}")
+            + ". Saves: of the part's cost, in that unit (as shipped, 1 is its loosest grade)."
         )
         yield Table.of(budget.looser, shown, "Tolerances to relax", caption)
 
@@ -492,12 +491,19 @@ def _width(design: Design, place: str, value: float) -> str:
 
 def share_words(measured: Yield) -> str:
     """A yield with its interval, and of how many builds."""
-    return f"{100 * measured.value:.2f} % ({_interval(measured)} %) of {measured.trials:,} builds"
+    return f"{100 * measured.value:.2f} % ({interval_words(measured)} %) of {measured.trials:,} builds"
 
 
-def _interval(measured: Yield) -> str:
-    low, high = measured.interval
-    return f"{100 * low:.2f} to {100 * high:.2f}"
+def interval_words(measured: Yield) -> str:
+    """Interval of a yield [%], with as many decimals as tell its ends apart."""
+    low, high = (100 * end for end in measured.interval)
+    decimals = next((n for n in (2, 3, 4) if f"{low:.{n}f}" != f"{high:.{n}f}"), 2)
+    return f"{low:.{decimals}f} to {high:.{decimals}f}"
+
+
+def _within(value: float, deviation: float) -> float:
+    """A number without the digits that its own spread drowns."""
+    return float(words.rounded(value, deviation / 10)) if 0 < deviation < math.inf else value
 
 
 def cost_words(cost: float | None) -> str:
@@ -515,11 +521,11 @@ def _rss(result: StudyResult, shown: set[str]) -> Table:
     """Root sum of squares beside Monte Carlo."""
     columns: tuple[Column, ...] = (
         ("metric@field", "l", lambda row: row.column),
-        ("RSS", "d", lambda row: number(row.rss)),
+        ("RSS", "d", lambda row: number(row.rss, zero=row.monte_carlo / MOST_RATIO or 1e-9)),
         ("Monte Carlo", "d", lambda row: number(row.monte_carlo)),
         # A spread that is no first-order effect has no ratio worth its digits.
         ("ratio", "d", lambda row: number(row.ratio) if row.ratio <= MOST_RATIO else "none"),
-        ("mean shift", "d", lambda row: number(row.mean_shift)),
+        ("mean shift", "d", lambda row: number(_within(row.mean_shift, row.monte_carlo))),
         ("linear", "l", lambda row: "yes" if row.linear else "no: use Monte Carlo"),
     )
     title = "Standard deviations as built: RSS beside Monte Carlo"
@@ -541,6 +547,8 @@ def _sobol(result: StudyResult) -> Table:
         for k in np.argsort(-indices.total[row], kind="stable")[:TOP]:
             numbers = [[words.fixed(one, 3) for one in (value[row, k], *ends[row, k])] for value, ends in shares]
             cells = [f"{index} ({low} to {high})" for index, low, high in numbers]
+            if not any(float(one) for each in numbers for one in each):
+                break  # nor any behind it
             rows.append((_factor(indices.factors[k], result.plan.question.design), *cells))
     heads = ("parameter", "first order (95 %)", "total (95 %)")
     title = f"Sobol indices of {result.final.weakest.label}, {result.final.name}"
@@ -633,7 +641,7 @@ def _names(result: StudyResult, order: NDArray[np.intp]) -> list[str]:
 def _largest(sizes: NDArray[np.float64]) -> NDArray[np.intp]:
     """Where the largest are, in order; without those too small to be seen."""
     order = np.argsort(-sizes, kind="stable")[:MOST]
-    large = order[sizes[order] > 2e-3 * sizes[order[0]]]
+    large = order[sizes[order] > 1e-2 * sizes[order[0]]]
     return large if len(large) else order[:1]
 
 
