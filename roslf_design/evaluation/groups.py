@@ -174,9 +174,9 @@ class DepthAssumptions:
     @property
     def facts(self) -> list[tuple[str, str, str]]:
         """Name, value, remark."""
-        lenses, light = f"{self.window:g} x {self.window:g}", f"a pixel, in {number(1e3 * self.exposure_s, 3)} ms"
+        lenses, exposure = f"{self.window:g} x {self.window:g}", f"in {number(1e3 * self.exposure_s, 3)} ms"
         return [
-            ("light", f"{number(self.electrons, 4)} e-", light),
+            ("light", f"{number(self.electrons, 4)} e- a pixel", exposure),
             ("texture, rms contrast", f"{self.contrast:.3g}", self.detail),
             ("microlenses matched", lenses, f"of {self.views:.0f} independent views"),
         ]

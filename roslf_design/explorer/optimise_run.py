@@ -161,4 +161,4 @@ def _moved(change: VariableMove) -> str:
 
 def _from_to(symbol: str, before: float, after: float) -> str:
     number = BY_SYMBOL[symbol]
-    return f"{show(number, before)} → {show(number, after)}"
+    return " → ".join(show(number, float(f"{value:.5g}")) for value in (before, after))

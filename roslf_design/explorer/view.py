@@ -483,12 +483,12 @@ def _falls(evaluation: Evaluation) -> tuple[str, str]:
 
 def _assumed_rows(evaluation: Evaluation) -> list[dict[str, str]]:
     parts = [
-        (f"of it {term.name}", f"{short(float(term.u_mm), 3)} mm,", term.remark)
+        (f"of it {term.name}", f"{short(float(term.u_mm), 3)} mm", term.remark)
         for term in evaluation.depth_budget.terms
         if term.u_mm is not None
     ]
     return [
-        {"label": to_html(label), "value": " ".join(part for part in (value, note) if part)}
+        {"label": to_html(label), "value": ", ".join(part for part in (value, note) if part)}
         for label, value, note in (*depth_facts(evaluation), *parts)
     ]
 

@@ -244,6 +244,14 @@ class DesignProblem:
             yield row("focal plane in front of the bore", lambda c: 1 - c.chain.end(c.numbers) / c[PATHS["d_f"]])
             for near, far, label in self._kept_apart():
                 yield row(label, lambda c, near=near, far=far: (far(c) - near(c)) / c.tip)  # type: ignore[misc]
+        for symbol, where in (("d_1", "before"), ("d_2", "behind")):
+            if plates := [at.place for at in self.design.plates if (at.near >= -self.design.d_1) == (symbol == "d_1")]:
+                yield row(
+                    f"glass {where} the lenslets fits",
+                    lambda c, held=PATHS[symbol], plates=plates: (  # type: ignore[misc]
+                        (c[held] - sum(c[f"{place}.thickness"] for place in plates)) / c.f
+                    ),
+                )
         yield row("microlens images of positive pitch", lambda c: 1 + c.seen.d_2 * c.seen.vergence)
         values = self._values(np.full(self.n, 0.5))
         for label, room in self.main_lens.rooms(values, (*self._set_places, *self.given)):

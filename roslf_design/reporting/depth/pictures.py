@@ -129,7 +129,7 @@ class _Words(NamedTuple):
         place = "microlens x on the array [mm]" if on_array else "x from the middle of the view [px]"
         if run.geometry.unit == "px":
             return cls("disparity", "px", "from view to view [px]", place)
-        return cls("depth", "mm", "Z [mm]", place)
+        return cls("depth", "mm", "Z before the lens [mm]", place)
 
 
 def profile(trial: Measurement, size: Point = (PAGE, 440.0)) -> Picture:
@@ -143,7 +143,7 @@ def profile(trial: Measurement, size: Point = (PAGE, 440.0)) -> Picture:
     behind: Mark = Line(x, true, "ink", 1.6) if compared else Area(*_band(x, depth - sigma, depth + sigma), "sky", 0.45)
     estimate: list[Mark] = [behind, Dots(x, depth, "blue", size=dot, opacity=0.8, clip=True)]
     ends = [*true, *depth] if compared else [*(depth - sigma), *(depth + sigma)]
-    symbol = "depth Z [mm]" if words.unit == "mm" else "disparity [px]"
+    symbol = f"depth {words.symbol}" if words.unit == "mm" else "disparity [px]"
     above = Panel(
         (0, 0, 1, 1), across, Scale.around(ends), tuple(estimate), "", symbol,
         f"middle row, y = {short(float(run.x_ml[row, 0, 1]), 3)} {run.geometry.place_unit}",
