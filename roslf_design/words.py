@@ -23,7 +23,7 @@ TERMS = {
     "clearance": "distance of light from the nearest rim; below 0 where the rim cuts it",
     "thin twin": "the camera with an ideal thin lens in place of a real one: its focal length, at its principal planes",
     "mechanical distance": "a distance as a workshop measures it, not as it appears through glass and liquid",
-    "Fresnel number": "N_F = d^2/(4 lambda d_2) of a microlens; diffraction leaves 4 N_F independent views an axis",
+    "Fresnel number": "N_F = d²/(4 lambda d_2) of a microlens; diffraction leaves 4 N_F independent views an axis",
     "depth noise (bound)": "standard deviation of depth that photons and read noise alone leave; none does better",
     "depth, expected": "combined standard uncertainty of depth by all that is known, in the GUM's terms",
     "aliasing": "detail finer than two samples a period, which shows as coarser detail that is not there",

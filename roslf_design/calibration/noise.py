@@ -141,7 +141,7 @@ def measured_sensor(
         white_frames=tuple(group.count for group in whites), dark_frames=0 if darks is None else darks.count
     )
     if whites[0].mean.ndim == 3 or (darks is not None and darks.mean.ndim == 3):
-        return replace(told, untold=("colour pictures are no raw counts: their noise is not told",))
+        return replace(told, untold=("colour pictures are no raw counts: their noise is not known",))
     black = 0.0 if darks is None else float(np.median(darks.mean))
     good = _good(darks, whites[0].mean.shape)
     told = replace(told, black=None if darks is None else black, defective_pixels=int((~good).sum()))
@@ -160,9 +160,9 @@ def measured_sensor(
     else:
         full = _full_well(whites, black, gain)
         if colours or profile is None:
-            untold.append("PRNU is not told " + ("behind colour filters" if colours else "without microlens images"))
+            untold.append("PRNU is not known " + ("behind colour filters" if colours else "without microlens images"))
         elif whites[0].count < 2:
-            untold.append("PRNU is not told by one image of the brightest exposure")
+            untold.append("PRNU is not known by one image of the brightest exposure")
         else:
             nodes = centres.centres[centres.used]
             prnu, prnu_left = _unlike_pixels(whites[0], darks, good, profile, nodes, line)

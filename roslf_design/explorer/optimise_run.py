@@ -72,7 +72,6 @@ class OptimiseResult:
                 {"tone": s.tone, "text": to_html(s.text), "remedy": to_html(s.remedy)} for s in self.sentences
             ],
             "can_apply": self.design is not None,
-            "front": bool(self.front),
         }
 
 

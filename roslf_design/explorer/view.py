@@ -28,7 +28,7 @@ from ..reporting.design.effects import effects_budget
 from ..reporting.design.field import mla_map
 from ..reporting.design.microlens import microlens_image, nearest_microlens
 from ..reporting.design.rays import meridional
-from ..reporting.optimise.pictures import change_bars, goal_front, search_history
+from ..reporting.optimise.pictures import change_bars, ends_differ, goal_front, search_history
 from ..reporting.tolerance.pictures import offender_bars, spread_bars, yield_bars, yield_curve
 from ..theory.depth_budget import NOISE
 from ..theory.quantities import QUANTITIES
@@ -114,9 +114,8 @@ def front(run: OptimiseResult, size: Point = (420, 300)) -> Picture:
     goals = run.goal, run.against
     labels = [f"{goal.words} [{goal.unit}]" if goal.unit else goal.words for goal in goals]
     points = np.array(run.front, float).reshape(-1, 2)
-    words = "" if len(points) > 1 else "the goals do not compete" if len(points) else "no design holds every limit"
     title = f"What {goals[0].label} costs of {goals[1].label}: {len(points)} designs"
-    return goal_front(points, labels, title=title, size=size, words=words, also=(run.after,))
+    return goal_front(points, labels, title=title, size=size, also=(run.after,))
 
 
 class _Drawing(NamedTuple):
@@ -194,8 +193,11 @@ DRAWINGS = {
     "changes": _of(
         "optimise", "What changed, between its bounds", (560, 240), _rows(change_bars), lambda r: r.changes
     ),
-    "search": _of("optimise", "Where the searches ended", (420, 260), search_history, lambda r: r.ends),
-    "front": _of("optimise", "Goal against goal", (420, 300), front, lambda r: r if r.front else None),
+    "search": _of(
+        "optimise", "Where the searches ended", (420, 260), search_history,
+        lambda r: r.ends if ends_differ(r.ends) else None,
+    ),
+    "front": _of("optimise", "Goal against goal", (420, 300), front, lambda r: r if len(r.front) > 1 else None),
 }  # fmt: skip
 """Drawings by the name that addresses and the page use; those of the camera's view have their places in `page.html`,
 others stand where it has the cards of their view or kind of run."""

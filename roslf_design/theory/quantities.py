@@ -670,7 +670,7 @@ _register(
     Quantity(
         "fresnel_number",
         "",
-        "N_F = d^2/(4 lambda d_2)",
+        "N_F = d²/(4 lambda d_2)",
         _whole(light.fresnel_number),
         label="Fresnel number",
         digits=3,

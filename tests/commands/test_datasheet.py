@@ -267,6 +267,7 @@ calibration = { boards = 9 }
 
     told = told_of(parts)
     assert all(words in told["basis"] for words in ("256 Monte Carlo units", "as planned"))
+    assert "derivatives over d_3, d_1, d_2" in told["basis"]  # words, not keys of a file
     lines = {line["quantity"]: line for line in told["lines"]}
     assert lines["views_geometric"]["two_sigma"] > 0
     # The calibration does not see D_F, and all else is built exactly: it stays as it was.

@@ -19,7 +19,8 @@ RETIRED = {
     r"\bruns off without end\b": "unbounded objective",
     r"\bwanted yield\b": "target yield",
     r"\b(moves|goes with) the weakest\b|\bgoes with it most\b": "sensitivity; correlation",
-    r"\b(errors?|those|within|is|are|was|were) told\b(?! apart)|\btells of\b|\bsheets? tells?\b": "reported; states",
+    r"\b(errors?|those|within|is|are|was|were)( not)? told\b(?! apart)|\btells of\b": "reported; states",
+    r"\bsheets? tells?\b": "states",
     r"\bFeel how\b": "interactive explorer",
 }
 """Words with the meaning for which they were retired, and what stands there now."""

@@ -318,6 +318,14 @@ def test_microlenses_faster_than_any_in_the_catalogue_say_so():
     assert 'quantity = "f_number_microlens_lens", min = 3' in fast.remedy
 
 
+def test_behind_a_real_lens_the_f_number_s_verdict_says_which_fill_is_traced():
+    """An optimum whose traced image fill is at its limit of 0.9 stood beside a fill of 0.88."""
+    result = roslf.evaluate(roslf.load("paper-singlet"))
+    verdict = next(one for one in result.verdicts if one.name == "f_number_matched")
+    traced = result.f_number.fill_factor * (1 + result.real_lens.fields[0].widening_percent / 100)
+    assert f"(thin twin; traced through {result.real_lens.lens} at 0, 0 mm: {traced:.4g})" in verdict.text
+
+
 def test_verdicts_and_remedies(paper):
     by_name = {verdict.name: verdict for verdict in roslf.evaluate(paper).verdicts}
     assert by_name["f_number_matched"].ok

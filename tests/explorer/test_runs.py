@@ -204,6 +204,14 @@ def test_only_what_is_ticked_and_what_is_said_to_follow_moves_and_all_of_it_is_t
         assert (before, after) == (getattr(SCOPE, symbol), pytest.approx(getattr(found, symbol), rel=1e-9))
 
 
+def test_an_optimum_holds_the_glass_about_its_array():
+    """Its search went where the sensor stands inside the array's plate, and ended in an error about a design."""
+    scope = load("arthroscope")
+    found = run_optimise(OptimiseRequest(scope, variables=("D_F", "d_2"))).design
+    assert found is not None
+    assert found.d_2 >= scope.microlens_array.substrate.thickness > 0.75 * scope.d_2
+
+
 def test_f_ml_stays_where_it_is_not_let_follow():
     request = read_form(OptimiseRequest, SCOPE, {"variables": ["d_2"]})
     result = run_optimise(request)

@@ -13,6 +13,7 @@ from roslf_design.camera import Camera
 from roslf_design.design import load, preset_names
 from roslf_design.drawing.marks import Area, Image, Text
 from roslf_design.drawing.picture import PAGE
+from roslf_design.drawing.theme import text_width
 from roslf_design.errors import InputError
 from roslf_design.evaluation import default_fields, evaluate
 from roslf_design.evaluation.fields import field_openings
@@ -43,6 +44,7 @@ from roslf_design.reporting.design.rays import _labelled_fans, cells, dimensions
 from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.length_covariance import LengthCovariance
 from roslf_design.theory.vignetting import room_at
+from roslf_design.units import parse_quantity
 from tests.pictures.designs import DESIGNS, EXTREMES, PAPER, THROUGH
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -175,6 +177,26 @@ def test_a_section_fills_its_width_and_tells_by_how_much_it_is_stretched(name, c
     tip = -float(Camera.of(design.thin_twin).tip)
     assert (picture.mapping.x.low <= tip <= picture.mapping.x.high) == (close != "sensor")
     assert ("sensor" in words) == (close != "tip")
+
+
+def test_a_distance_s_words_do_not_cross_the_ordinate():
+    """d_3 too short for its words, and the FAP near the left end."""
+    design = load("rigid-scope").replace({"D_F": 1.28, "d_3": 1.0, "f": 3.03, "d_1": 3.29})
+    for panel in ray_diagrams(design).panels:
+        (words,) = (mark for mark in panel.marks if isinstance(mark, Text) and mark.text.startswith("d_3"))
+        x = panel.at(words.x, words.y)[0] + words.dx
+        assert x - (text_width(words.text, words.size) if words.anchor == "end" else 0.0) > panel.box[0]
+
+
+@pytest.mark.parametrize("turn", ["30 deg", "70 deg", "-70 deg"])
+def test_where_a_prism_looks_is_said_below_the_parts_names(turn):
+    design = load("arthroscope").replace({"elements.0.deviation": parse_quantity(turn, "angle")})
+    panel = meridional(design, (PAGE, 210.0), whole=True).panels[0]
+    words = [mark for mark in panel.marks if isinstance(mark, Text)]
+    (view,) = (mark for mark in words if mark.text.startswith("view"))
+    names = [mark for mark in words if mark.text.startswith(("FAP", "plate", "prism"))]
+    lowest = max(panel.at(mark.x, mark.y)[1] + mark.dy for mark in names)
+    assert panel.at(view.x, view.y)[1] + view.dy - view.size > lowest
 
 
 @pytest.mark.parametrize("name", ["paper", "cystoscope", "rigid-scope"])

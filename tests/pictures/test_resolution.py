@@ -3,7 +3,7 @@
 import numpy as np
 
 import roslf_design as roslf
-from roslf_design.drawing.marks import Image, Line
+from roslf_design.drawing.marks import Image, Line, Text
 from roslf_design.reporting.sheet.lines import basis, datasheet_section
 from roslf_design.reporting.sheet.resolution import mtf_curves, resolution_map
 from roslf_design.theory.quantities import QUANTITIES
@@ -45,3 +45,15 @@ def test_dark_fields_are_named_and_nothing_is_drawn_for_them():
     assert "dark where nothing is drawn" in resolution_map(DARK).svg()
     rows = [row for block in datasheet_section(basis(DARK)).blocks for row in getattr(block, "rows", ())]
     assert any(row[1] == "dark" for row in rows)
+
+
+def test_numbers_of_lines_are_clear_of_each_other_and_of_the_rim():
+    """Of a scope that sees from 1.5 to 40 mm: all its detail lay in a corner of distances drawn in proportion."""
+    panel = resolution_map(roslf.load("cystoscope")).panels[0]
+    places = [np.array(panel.at(mark.x, mark.y)) for mark in panel.marks if isinstance(mark, Text)]
+    assert len(places) >= 2
+    for k, place in enumerate(places):
+        assert all((np.abs(place - other) > (24, 12)).any() for other in places[:k])
+        left, top, width, tall = panel.box
+        assert left + 8 < place[0] < left + width - 8
+        assert top + 6 < place[1] < top + tall - 6

@@ -3,14 +3,16 @@
 import math
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from roslf_design.drawing.theme import PLAIN, text_width
 from roslf_design.explorer.forms import GOALS
 from roslf_design.explorer.optimise_run import OptimiseResult
 from roslf_design.explorer.tolerance_run import ToleranceResult
-from roslf_design.explorer.view import front
+from roslf_design.explorer.view import DRAWINGS, front
 from roslf_design.reporting.optimise.pictures import (
     SearchEnd,
     VariableMove,
@@ -155,8 +157,17 @@ def test_a_variable_at_its_bound_is_marked():
 def test_no_front_without_a_second_goal():
     with pytest.raises(ValueError, match="one goal alone"):
         front(replace(OPTIMUM, against=None))
-    assert "the goals do not compete" in front(replace(OPTIMUM, front=((0.6, 20.0),))).svg()
-    assert "no design holds every limit" in front(replace(OPTIMUM, front=())).svg()
+
+
+def test_pictures_that_say_no_more_than_a_sentence_are_not_drawn():
+    """One design where goals do not compete, and searches that all ended at the answer."""
+
+    def drawn(name, **changed):
+        return DRAWINGS[name].inputs(SimpleNamespace(runs={"optimise": replace(OPTIMUM, **changed)})) is not None
+
+    assert [drawn("front", front=((0.6, 20.0),) * count) for count in (0, 1, 2)] == [False, False, True]
+    ends = SearchEnd(10, 0.0, "start"), SearchEnd(20, 1e-9, "check", "crs2")
+    assert [drawn("search", ends=(*ends, *more)) for more in ((), (SearchEnd(30, 0.1, "start"),))] == [False, True]
 
 
 def test_a_third_goal_is_told_by_shade_and_bar():
@@ -166,6 +177,14 @@ def test_a_third_goal_is_told_by_shade_and_bar():
     assert {"a [mm]", "b [mm]", "c [1]", "the optimum"} <= {
         "".join(e.itertext()) for e in ET.fromstring(picture.svg()).iter()
     }
+
+
+def test_a_goal_s_words_are_not_cut_by_the_picture():
+    long = "depth, expected, u_Z at 40 mm, of all lengths as built [mm] (less is better)"
+    picture = goal_front(np.array([[1.0, 5.0, 1.0], [2.0, 3.0, 10.0]]), ["a", long, long], answer=(2.0, 3.0))
+    _, top, _, tall = picture.panels[0].box
+    assert top + tall / 2 > text_width(long, PLAIN) / 2
+    assert picture.size[1] - top - tall / 2 > text_width(long, PLAIN) / 2
 
 
 def test_densities_hold_all_builds():

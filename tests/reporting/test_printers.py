@@ -120,6 +120,24 @@ def test_no_figure_stands_in_the_section_behind_its_own(tmp_path):
         assert text.index("drawn0") < text.index("drawn1") < text.index("Other"), lines
 
 
+def test_long_lines_of_a_file_do_not_run_into_its_second_column(tmp_path):
+    lines = [f"key{n} = {n}" for n in range(9)]
+    text = "\n".join(["[first]", "source = " + "w" * 30 + " " + "v" * 30, *lines, "", "[second]", *lines, ""])
+    (page,) = pages(Report("title", "", (Section("File", (Code(text),)),)), tmp_path)
+    assert "[second]" in page
+    assert not re.search(r"[vw]\S*(key|\[)", page)
+
+
+def test_a_tall_table_of_few_rows_goes_over_pages(tmp_path):
+    """Seven rows of several lines each left a third of a page empty."""
+    rows = tuple((f"row{n}", "words that go on and on " * 12) for n in range(7))
+    first, second = pages(lines_and(36, Table(rows, "ll")), tmp_path)
+    assert first.count("row") >= 3
+    assert second.count("row") >= 3
+    first, _ = pages(lines_and(50, Table(tuple((f"row{n}", "1") for n in range(7)), "ll")), tmp_path)
+    assert "row" not in first
+
+
 def test_a_table_over_pages_leaves_no_row_alone(tmp_path):
     rows = tuple((f"row{n}", "1") for n in range(12))
     on_first = [pages(lines_and(lines, Table(rows, "ll")), tmp_path)[0].count("row") for lines in range(39, 52)]

@@ -140,10 +140,10 @@ def test_a_story_has_every_section_and_says_what_was_done(told):
     assert len(steps.items) == 3
     answers = " ".join(item.text for item in blocks(report, Statements)[0].items)
     assert "Optimisation: a design holds every limit" in answers
-    assert "2000 Monte Carlo units (builds), seed 5" in answers
+    assert "2,000 Monte Carlo units (builds), seed 5" in answers
     assert "Calibration as planned" in answers
     seeds = " ".join(item for block in blocks(report, Bullets) for item in block.items)
-    assert all(f"{what}: {seed}." in seeds for what, seed in (("starts", 3), ("2000 builds", 5), ("poses", 4)))
+    assert all(f"{what}: {seed}." in seeds for what, seed in (("starts", 3), ("2,000 builds", 5), ("poses", 4)))
     assert any("part 1 of 3" in step for step, *_ in said)
     assert ("part 2 of 3, tolerances: builds", 2000, 2000) in said
 
@@ -167,7 +167,7 @@ def test_another_seed_reaches_every_part(folder, monkeypatch, few_builds):
     monkeypatch.setattr(story, "_basis_of", lambda *_: None)  # the data sheet's
     story_report(load_story_or_study(folder / "story.toml")[1], seed=77)
     seeds = " ".join(part.seed for part in parts)
-    assert all(f"{what}: 77." in seeds for what in ("starts", "2000 builds", "poses"))
+    assert all(f"{what}: 77." in seeds for what in ("starts", "2,000 builds", "poses"))
 
 
 @pytest.mark.parametrize(("kind", "section"), [("optimize", "Optimisation"), ("tolerance", "Tolerances and yield")])

@@ -18,6 +18,7 @@ from roslf_design.reporting.tolerance.pages import (
     _tolerance_section,
     _yield_statement,
     blame,
+    interval_words,
     loose_words,
     ranking,
     tables,
@@ -27,6 +28,7 @@ from roslf_design.reporting.tolerance.pages import (
 from roslf_design.tolerancing.result import WorstTrial, analyse, save_worst
 from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.study import make_plan, read_study, tolerance_plan
+from roslf_design.tolerancing.yields import Yield
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +65,22 @@ def test_what_moves_the_weakest_metric_is_ranked(result):
     place, share = ranking(result)[0]
     assert place.startswith("microlens_array.tilt")  # d_2 is adjusted, tilts are not
     assert 0.3 < share < 1
+
+
+def test_numbers_have_no_digits_that_their_spread_drowns(result):
+    by_title = {table.title: table for table in tables(result)}
+    spread = by_title[next(title for title in by_title if title.startswith("Distributions"))]
+    for _, _, mean, deviation, *quantiles in spread.rows:
+        for text in (mean, *quantiles) if float(deviation) else ():
+            assert "e-" not in text
+            assert len(text.partition(".")[2]) <= 2 - np.floor(np.log10(float(deviation)))
+    (rss,) = (table for title, table in by_title.items() if "RSS" in title)
+    assert all(float(row[1]) == 0 for row in rss.rows if row[3] == "none")
+
+
+def test_an_interval_s_ends_are_told_apart():
+    assert interval_words(Yield(200_000, 200_000)) == "99.998 to 100.000"
+    assert interval_words(Yield(1920, 4000)) == "46.44 to 49.56"
 
 
 def test_figures_have_the_same_bytes_each_time(result):

@@ -161,11 +161,12 @@ def depth_precision(design: Design, size: Point = (560, 320), known: KnownLength
     up = _up([*expected[finite], *sigma[finite], *limited])
     sharp = f"{short(focus, 3)} mm" if math.isfinite(focus) else "unknown, as no light or texture gives it"
     width, at_focus = max(size[0] - 114, 80.0), sharp.partition(",")[0]
-    words = f"in focus at {short(ahead)} mm: {at_focus}"
-    if text_width(words, SMALL) + 12 > width:
-        words = f"in focus: {at_focus}"
     # Between the curves, which leave the upper middle free; never beyond the panel.
-    at, long = float(across.share(ahead)) * width, text_width(words, SMALL)
+    at = float(across.share(ahead)) * width
+    words = f"in focus at {short(ahead)} mm: {at_focus}"
+    if text_width(words, SMALL) + 16 > max(at, width - at):
+        words = f"in focus: {at_focus}"
+    long = text_width(words, SMALL)
     start = max(at - 8 - long if at + long + 16 > width else at + 8, min(4.0, width - long))
     dots: list[Mark] = [*_unknown(distance, finite, up)]
     if not finite.all():

@@ -31,7 +31,7 @@ from ...tolerancing.yields import Yield
 from ...words import listed, number, sentence
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 from ..design.rays import meridional, ray_words, scale_words
-from .pictures import SAME, bore_and_stop, ends_of, goal_front, robust_yields, search_history
+from .pictures import SAME, bore_and_stop, ends_differ, ends_of, goal_front, robust_yields, search_history
 
 TITLES = {
     "bore": ("One stop for the bore", "The field where the two lines part is where the model of one stop misleads."),
@@ -89,7 +89,7 @@ def optimization_finding(result: Result, take: str = "best", words: str = "") ->
         said = replace(said, text=f"{said.text} This report is of another design, {words}: {own}; believe these of it.")
         other = f"This section is about the study's optimum, all else in this report about {words}."
         blocks = (Paragraph(other), *blocks)
-    if answer.feasible and any(end.kind != "bad" and end.loss > SAME for end in ends):  # else on the floor
+    if answer.feasible and ends_differ(ends):
         blocks = (*blocks, Figure.of("history", "What every start came to", HISTORY, search_history(ends, (576, 290))))
     seed = f"Seed of the optimisation's starts: {result.study.settings.seed}."
     return Finding(Section("Optimisation", blocks, "optimisation"), said, seed)
@@ -297,7 +297,8 @@ def _about_front(front: Front) -> Iterator[Statement]:
     if not front.points:
         yield Statement("caution", f"No front: {names[0]} could not be optimised alone in the time given.")
     elif len(front.points) == 1:
-        yield Statement("plain", f"{' and '.join(names)} do not compete: one design is best in all of them.")
+        text = f"{' and '.join(names)} do not compete: one design is best in all of them."
+        yield Statement("plain", sentence(text))
     if front.points and not front.complete:
         yield Statement("caution", "The front is not complete: its budget was spent.", "Give a larger budget.")
 

@@ -101,6 +101,11 @@ def ends_of(answer: Answer) -> tuple[SearchEnd, ...]:
     return tuple(ends)
 
 
+def ends_differ(ends: Sequence[SearchEnd]) -> bool:
+    """Whether searches that hold all limits ended at more than the answer: else all lie on the picture's floor."""
+    return any(end.kind != "bad" and end.loss > SAME for end in ends)
+
+
 SEARCHES = {
     "start": ("a search's end", Dots((), (), "blue", size=4.5, testid="search-ends")),
     "bad": ("a limit fails", Dots((), (), "vermillion", "x", 4, width=2)),
@@ -132,7 +137,7 @@ def search_history(ends: Sequence[SearchEnd], size: Point = (420, 260)) -> Pictu
 
 def goal_front(
     points: Array, labels: Sequence[str], *, log: Sequence[bool] = (False, False, False), title: str = "Goals",
-    answer: Point | None = None, words: str = "", also: Sequence[float] = (), size: Point = (560, 360),
+    answer: Point | None = None, also: Sequence[float] = (), size: Point = (560, 340),
 ) -> Picture:  # fmt: skip
     """Draw designs by what they reach of two goals, and of a third by shade.
 
@@ -144,8 +149,8 @@ def goal_front(
         Of the goals, and which of them are drawn logarithmically.
     answer : (x, y), optional
         The optimum that was asked for.
-    words, also
-        To write into the picture; abscissae that are to be on the axis.
+    also
+        Abscissae that are to be on the axis.
     """
     lone = [answer] if answer is not None else []
     ends = [[*points[:, k], *(point[k] for point in lone), *(also if k == 0 else ())] for k in (0, 1)]
@@ -170,14 +175,11 @@ def goal_front(
     keys = [dot_key("the optimum", "vermillion", "*", 7)] if answer is not None else []
     panel = Panel((0, 0, 1, 1), x, y, tuple(marks), labels[0], labels[1])
     under = legend_height(keys, size[0] - 28) if keys else 0.0
-    tall = max(size[1], text_width(labels[1], PLAIN) + 80, text_width(labels[2], PLAIN) + 80 if third else 0.0)
+    tall = max(size[1], text_width(labels[1], PLAIN) + 30, text_width(labels[2], PLAIN) + 30 if third else 0.0)
     picture = one_panel("front", title, (size[0], tall + under), panel, keys, left=64, right=80 if third else 18)
-    (panel,) = picture.panels
-    if words:
-        left, top, width, _ = panel.box
-        picture = replace(picture, remarks=(Text(left + width / 2, top + 18, words, "ink", PLAIN, "middle"),))
     if not third:
         return picture
+    (panel,) = picture.panels
     bar = colour_bar(panel, low, high, "cividis", labels[2])
     if log[2]:
         values = Scale(float(np.exp(low)), float(np.exp(high)), log=True).ticks(4)

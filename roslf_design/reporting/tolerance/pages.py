@@ -328,8 +328,8 @@ def _quantiles(result: StudyResult, shown: set[str]) -> Table:
     rows = tuple(
         (
             column.label,
-            *(number(value) for value in (column.nominal, _within(column.mean, column.deviation), column.deviation)),
-            *(number(_within(column.quantiles[index], column.deviation)) for index in places),
+            *(number(column.nominal), _within(column.mean, column.deviation), number(column.deviation)),
+            *(_within(column.quantiles[index], column.deviation) for index in places),
             *((str(column.undefined),) if undefined else ()),
         )
         for column in final
@@ -501,9 +501,13 @@ def interval_words(measured: Yield) -> str:
     return f"{low:.{decimals}f} to {high:.{decimals}f}"
 
 
-def _within(value: float, deviation: float) -> float:
+def _within(value: float, deviation: float) -> str:
     """A number without the digits that its own spread drowns."""
-    return float(words.rounded(value, deviation / 10)) if 0 < deviation < math.inf else value
+    if not 0 < deviation < math.inf:
+        return number(value)
+    text = words.rounded(value, deviation / 10)
+    short = number(float(text))
+    return text if "e-" in short else short
 
 
 def cost_words(cost: float | None) -> str:
@@ -525,7 +529,7 @@ def _rss(result: StudyResult, shown: set[str]) -> Table:
         ("Monte Carlo", "d", lambda row: number(row.monte_carlo)),
         # A spread that is no first-order effect has no ratio worth its digits.
         ("ratio", "d", lambda row: number(row.ratio) if row.ratio <= MOST_RATIO else "none"),
-        ("mean shift", "d", lambda row: number(_within(row.mean_shift, row.monte_carlo))),
+        ("mean shift", "d", lambda row: _within(row.mean_shift, row.monte_carlo)),
         ("linear", "l", lambda row: "yes" if row.linear else "no: use Monte Carlo"),
     )
     title = "Standard deviations as built: RSS beside Monte Carlo"
