@@ -12,7 +12,7 @@ import json
 import re
 import tempfile
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -102,22 +102,23 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
         (root / "content.json").write_bytes(json.dumps(content, ensure_ascii=False).encode("utf-8", "replace"))
         pages = typesetter(root, DOCUMENT.read_bytes())  # its fonts are looked for once; `root` has it read files anew
 
-        def write(fitting: Iterable[str], shares: Mapping[str, float]) -> None:
-            (root / "figures.json").write_text(json.dumps([shares, sorted(fitting)]), encoding="utf-8")
+        fitting: set[str] = set()
+        late: set[str] = set()
+        shares: dict[str, float] = {}
 
-        def spots(fitting: Iterable[str], shares: Mapping[str, float]) -> list[dict[str, Any]]:
-            write(fitting, shares)
+        def spots(shares: Mapping[str, float]) -> list[dict[str, Any]]:
+            names = [sorted(fitting), sorted(late)]
+            (root / "figures.json").write_text(json.dumps([shares, *names]), encoding="utf-8")
             placed: list[dict[str, Any]] = json.loads(pages.query("<spot>", field="value", root=root))
             return placed
 
-        fitting: set[str] = set()
-        shares: dict[str, float] = {}
         for _ in range(2):  # figures that are smaller let others fit, and others no more
-            while more := _fitting(spots(fitting, shares)) - fitting:
+            while more := _fitting(spots(shares)) - fitting:
                 fitting |= more
-            shares = _filling(partial(spots, fitting), shares)
-            fitting &= _fitting(spots(fitting, shares))
-        write(fitting, shares)
+            shares = _filling(spots, shares)
+            fitting &= _fitting(spots(shares))
+            while more := _above(spots(shares)) - late:
+                late |= more
         return _packed(typeset(pages, timestamp=0, root=root))
 
 
@@ -131,6 +132,12 @@ def _fitting(placed: Iterable[Mapping[str, Any]]) -> set[str]:
     # What is invisible goes to the next page with what follows it.
     told = {at["name"]: at["page"] - (at["y"] <= 0) for at in placed if at["kind"] == "place"}
     return {at["name"] for at in placed if at["image"] and told.get(at["name"]) == at["page"]}
+
+
+def _above(placed: Iterable[Mapping[str, Any]]) -> set[str]:
+    """Names of figures that stand at the head of a page before the place where they are told of."""
+    told = {at["name"]: at["page"] for at in placed if at["kind"] == "place"}
+    return {at["name"] for at in placed if at["kind"] == "float" and at["image"] and at["page"] <= told[at["name"]]}
 
 
 def _filling(

@@ -120,12 +120,27 @@ def test_no_figure_stands_in_the_section_behind_its_own(tmp_path):
         assert text.index("drawn0") < text.index("drawn1") < text.index("Other"), lines
 
 
+@pytest.mark.parametrize("lines", range(2, 44, 6))
+def test_no_figure_stands_before_the_head_of_its_section(tmp_path, lines):
+    """At the head of the page that its section begins on it stood above what is before that."""
+    tall = SVG.replace('viewBox="0 0 9 9" width="9pt" height="9pt"', 'viewBox="0 0 768 420" width="768" height="420"')
+    (before,) = lines_and(lines).sections
+    figures = tuple(Figure(f"f{n}", f"drawn{n}", "what it shows", tall) for n in range(2))
+    own = Section("Its own", (*figures, Table((("row", "1"),) * 20, "ll"), Bullets(("note",))))
+    text = "".join(pages(Report("t", "", (before, own)), tmp_path))
+    assert text.index("Its own") < min(text.index("drawn0"), text.index("drawn1"))
+    assert text.index(f"line{lines - 1}") < text.index("Its own")
+
+
 def test_long_lines_of_a_file_do_not_run_into_its_second_column(tmp_path):
     lines = [f"key{n} = {n}" for n in range(9)]
-    text = "\n".join(["[first]", "source = " + "w" * 30 + " " + "v" * 30, *lines, "", "[second]", *lines, ""])
-    (page,) = pages(Report("title", "", (Section("File", (Code(text),)),)), tmp_path)
-    assert "[second]" in page
-    assert not re.search(r"[vw]\S*(key|\[)", page)
+    text = "\n".join(["[first]", "source = " + " ".join("w" * 40), *lines, "", "[second]", *lines, ""])
+    pages(Report("title", "", (Section("File", (Code(text),)),)), tmp_path)
+    command = ["pdftotext", "-bbox", tmp_path / "report.pdf", "-"]
+    words = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    (second,) = re.findall(r'xMin="([\d.]+)"[^>]*>\[second\]', words)
+    ends = [float(x) for x in re.findall(r'xMax="([\d.]+)"[^>]*>w<', words)]
+    assert 5 < float(second) - max(ends) < 20
 
 
 def test_a_tall_table_of_few_rows_goes_over_pages(tmp_path):
