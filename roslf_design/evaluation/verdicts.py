@@ -68,13 +68,14 @@ def verdicts_of(
     Of focused microlenses that comes before these, with what it means, and no views are judged. What is `asked` stands
     before all of them, but for pixels that make no light-field camera.
     """
-    answers = [_matched(camera, f_number, lens), _undistorted(camera, non_distortion, lens)]
+    thin, traced = ([], "") if lens is None else ([_thin(f_number, lens)], _traced_fill(f_number, lens))
+    answers = [_matched(camera, f_number, traced), _undistorted(camera, non_distortion, lens)]
     first = _resolved(camera, sampling) if focused is None else _focused(camera, focused)
     if first.level == "fault" and focused is None:
         answers = [first, *asked, *answers]
     else:
         answers = [*asked, *answers, first] if focused is None else [*asked, first, *answers]
-    answers += [] if lens is None else [_thin(f_number, lens)]
+    answers += thin
     answers += [] if answer is None else [lit(answer)]
     return (*answers, *([_fits(camera)] if tube.OUTER in camera.numbers else []))
 
@@ -146,17 +147,26 @@ def _focused(camera: Camera, array: FocusedArray) -> Verdict:
     return Verdict("pupil_imaged", False, "limit", text, remedy)
 
 
-def _matched(camera: Camera, f: Numbers, lens: RealLens | None) -> Verdict:
-    """By closed forms; behind a real lens with the fill that its traced image at the first field has."""
+def _traced_fill(f: Numbers, lens: RealLens) -> str:
+    """Image fill through a real lens at the first field, beside that of its thin twin; empty where none is whole."""
+    fields = [field for field in lens.fields[:1] if field.widening_percent is not None]
+    return "".join(
+        f" (thin twin; traced through {lens.lens} at {place(field.x_ml_mm, 4)} mm: "
+        f"{f.fill_factor * (1 + (field.widening_percent or 0.0) / 100):.4g})"
+        for field in fields
+    )
+
+
+def _matched(camera: Camera, f: Numbers, traced: str) -> Verdict:
+    """By closed forms; `traced` is what rays through a real lens say beside them."""
     kind = "overlap by" if f.mismatch_px > 0 else "leave gaps of"
     images = f"images {kind} {abs(f.mismatch_px):.3g} px" if abs(f.mismatch_px) >= TOUCHING_PX else "images just touch"
     sampled = filtered_views(camera) >= LEAST_VIEWS
     within = -GAP_SLACK <= f.fill_factor - 1 <= OVERLAP_SLACK
     if not sampled:
         images = "which no pixels show"
-    elif lens is not None and lens.fields and (wider := lens.fields[0].widening_percent) is not None:
-        at = place(lens.fields[0].x_ml_mm, 4)
-        images += f" (thin twin; traced through {lens.lens} at {at} mm: {f.fill_factor * (1 + wider / 100):.4g})"
+    else:
+        images += traced
     if within and not sampled:
         text = f"f-number match means nothing yet: image fill {f.fill_factor:.5g}, {images}"
         return Verdict("f_number_matched", False, "limit", text, "mend the pixels first")

@@ -114,6 +114,15 @@ def test_an_order_of_goals_and_goals_that_do_not_compete(capsys, tmp_path):
     assert "Lexicographic order" in words
 
 
+def test_where_bought_parts_do_better_the_answer_says_so(capsys, tmp_path):
+    """It stood behind the table of parts alone, and the answer above it was of the design's own part."""
+    code, out, _ = run(capsys, "optimize", study(tmp_path, GOOD + '[catalogue]\nkinds = ["sensors"]\n'), "-o", tmp_path)
+    assert code == 0
+    own, bought = " ".join(out.split()).split("With other parts, first of the list below, it is better: ")
+    sigma = [float(re.search(r"at 200 mm = ([\d.]+) mm", words)[1]) for words in (own, bought)]
+    assert sigma[1] < sigma[0]
+
+
 def test_an_impossible_study_exits_0_and_says_so(capsys, tmp_path):
     text = GOOD.replace(
         "min = 0.98",

@@ -60,7 +60,7 @@ SOURCES: dict[str, tuple[str, str, str]] = {
 }
 """Where variance comes from: at the head of a column, in a sentence, and what lessens it."""
 RATIOS = "H = d_1/A; A: image distance as the pupil sees it; m = d_1/d_f: magnification on the array."
-"""What stands behind the letters that a calibration finds beside the lengths."""
+"""Meaning of the letters that a calibration has beside the lengths."""
 FIGURES: dict[str, tuple[str, str, Callable[[Outcome], Picture]]] = {
     "residuals": (
         "What the joint fit leaves over",

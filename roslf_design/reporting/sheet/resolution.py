@@ -131,5 +131,6 @@ def _lines(across: Scale, up: Scale, x: np.ndarray, y: np.ndarray, values: np.nd
             if len(clear):
                 best = clear[np.argmin(np.abs(clear - len(line) // 2))]
                 numbers.append(places[best])
-                marks.append(Text(*map(float, line[best]), f"{level:g}", "ink", SMALL, "middle", dy=4, halo=True))
+                at = line[best]
+                marks.append(Text(float(at[0]), float(at[1]), f"{level:g}", "ink", SMALL, "middle", dy=4, halo=True))
     return marks
