@@ -447,7 +447,7 @@ def cover_statement(cover: BoardCover, wider: str = "") -> Statement | None:
     covered = listed([f"{number(z, 4)} mm" for z in cover.covered_mm]) if cover.covered_mm else "nothing"
     text = f"Of the distances ahead of the tip that matter here, boards cover {covered}"
     missed = "".join(f"; {one}" for one in cover.uncovered)
-    remedy = "There depth rests with the model alone." if missed else ""
+    remedy = "There the model alone tells depth." if missed else ""
     if wider:
         remedy += f' A board of "{wider}" covers more.'
     return Statement("caution" if missed else "plain", f"{text}{missed}.", remedy)
