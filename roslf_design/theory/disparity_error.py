@@ -96,6 +96,8 @@ MOST, FEW, HALVED = 600, 3, 0.1
 over which halves give way to each other, so that sigma has slopes there too."""
 NESTED = np.array([0.0, 1.0, -1.0, -0.577, 0.659, -0.839, 0.87, 0.306, -0.321, -0.943, 0.953, 0.48, -0.712, -0.156])
 """Places along an axis, each where it adds most to those before it (Leja)."""
+TABLED = 64
+"""Places in a unit of z at which Bessel functions are tabled."""
 CLOSE, STEP = 0.004, 1e-5
 """Distance from the first image, in logarithms, within which fewer are taken from its tangents, to about the square of
 that; and the step of the differences that tangents are."""
@@ -104,7 +106,7 @@ STEEPEST = 100.0
 FULL, FULL_SIGMAS, CELL_PLACES = 5e-3, 2.576, 16
 """Share of pixels that is let be full, and beyond how many standard deviations it lies; places along a side of the
 lattice's cell at which is looked how many are."""
-VALUES, CACHED = 2**17, 2**14
+VALUES, CACHED = 2**15, 2**14
 """Values of waves' images at a time: as many as stay at hand of the processor."""
 
 
@@ -125,6 +127,13 @@ class Spectrum(NamedTuple):
     y: Array
     power: Array
     """Variance of contrast, as single views show it."""
+
+    @property
+    def folded(self) -> Spectrum:
+        """One of each two waves, shape (W,), that a mirror along a diagonal or an axis turns into each other."""
+        low, high = np.sort(np.abs([self.x, self.y]), axis=0)
+        _, first, again = np.unique(np.round([low, high], 12), axis=1, return_index=True, return_inverse=True)
+        return Spectrum(low[first], high[first], np.asarray(np.bincount(again, self.power), float))
 
 
 class _Texture(NamedTuple):
@@ -153,7 +162,7 @@ class _Texture(NamedTuple):
         )
 
 
-Spectra = tuple[Complex, Complex, Complex]
+Spectra = tuple[Array | Complex, Array | Complex, Array | Complex]
 
 
 class _Array(NamedTuple):
@@ -380,10 +389,12 @@ def _informations(images: MicrolensImages, plane: Seen, waves: Spectrum | None, 
         disparity = np.broadcast_to(plane.disparity, shape).ravel()
         shares = _waves_needed(*(np.where(usable, part, 0.0) for part in (disparity, rows.texture.fine, fill)))
     details = (np.flatnonzero(np.bincount(level, minlength=2)[1:]) + 1).tolist()
+    foldable = rows.openings.first_is_disc and PACKINGS[c.layout].rise == 1
     for (spectrum, share), detail, uncut, full in itertools.product(shares, details, (False, True), (False, True)):
         mine = np.flatnonzero((level == detail) & (whole == uncut) & (filled == full) & (share > 0))
         if mine.size:
-            some = rows.at(mine)._replace(texture=rows.texture.at(mine)._replace(waves=spectrum))
+            alike = spectrum.folded if uncut and foldable else spectrum
+            some = rows.at(mine)._replace(texture=rows.texture.at(mine)._replace(waves=alike))
             part = (_interpolated if uncut else _each)(some, array, detail, uncut)
             information[mine] += share[mine, None] * part
     return np.where(held, information, 0.0).T.reshape(-1, *shape)
@@ -460,11 +471,6 @@ def _each(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     values = side * (1 + images.texture.waves.x.size)
     turns = images.wide * (side / 2 + np.abs(images.bend) * images.texture.fine)
     c = c._replace(many=c.many or count * values * max(ROWS, math.pi * float(turns.max())) > MANY)
-    if whole:  # builds that differ in what whole images do not depend on are worked out once
-        numbers = np.column_stack([*images[:-2], *images.texture[:2], *images.own_shape])
-        _, first, again = np.unique(numbers, axis=0, return_index=True, return_inverse=True)
-        if first.size < count:
-            return _each(images.at(first), c, level, whole)[again]
     block = max(1, VALUES // (side * values))
     parts = [np.arange(start, min(start + block, count)) for start in range(0, count, block)]
     return np.concatenate([_sharpened(images.at(part), c, level, whole) for part in parts])
@@ -481,6 +487,11 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     which took no part in it, and at some between. Images too few for a series are summed. Fewer that lie close about
     the first are taken from tangents there: so are its derivatives.
     """
+    # Builds that differ in what whole images do not depend on are worked out once.
+    numbers = np.column_stack([*images[:-2], *images.texture[:2], *images.own_shape])
+    _, first, again = np.unique(numbers, axis=0, return_index=True, return_inverse=True)
+    if first.size < images.pitch.size:
+        return _interpolated(images.at(first), c, level, whole)[again]
     few = images.pitch.size < NEARLY_ALIKE
     if not (images.texture.fine > 0).all() or (few and np.isfinite(images.room).any()):
         return _each(images, c, level, whole)
@@ -581,11 +592,12 @@ def _logarithms(case: _Case, rows: int, nodes: bytes) -> Array:
 @functools.lru_cache(maxsize=256)
 def _terms(shares: tuple[float, ...]) -> NDArray[np.intp]:
     """Powers along the axes of the terms that count, shape (terms, K), where each power along one adds such a share."""
-    terms: list[tuple[tuple[int, ...], float]] = [((), 1.0)]
+    terms, left, powers = np.zeros((1, 0), np.intp), np.ones(1), np.arange(len(NESTED))
     for share in shares:
-        more = [[((*term, n), left * share**n) for n in range(len(NESTED))] for term, left in terms[: MOST + 1]]
-        terms = [(term, left) for row in more for term, left in row if left >= FAINTEST or not term[-1]]
-    return np.array([term for term, _ in terms], np.intp)
+        more = left[: MOST + 1, None] * share**powers
+        row, power = np.nonzero((more >= FAINTEST) | (powers == 0))
+        terms, left = np.column_stack([terms[row], power]), more[row, power]
+    return terms
 
 
 @functools.lru_cache(maxsize=256)
@@ -645,16 +657,16 @@ class _Spectra(NamedTuple):
     """Frequencies along x: of the uniform light, by which all is divided, then of the texture's waves."""
     fy: Array
     cell: float
-    light: Complex
-    turned: Complex
-    """Change of each wave with B, shape (N, W, S, S)."""
+    light: Array | Complex
+    turned: Array | Complex
+    """Change of each wave with B over i, shape (N, W, S, S)."""
     power: Array
     """Power of the texture's waves, shape (N, W)."""
     even: bool
-    """True where images are as before after half a turn: the light is real then, and its change imaginary."""
+    """True where images are as before after half a turn: the light is real then, and its change over i."""
 
     def images(self, passed: Array) -> tuple[Complex, Complex, Array]:
-        """Waves' images and their changes, each factor i left out, and how often each of their places counts.
+        """Waves' images and, over i, their changes, and how often each of their places counts.
 
         Of even ones one half of the places: in the other the images are complex conjugates.
         """
@@ -663,7 +675,7 @@ class _Spectra(NamedTuple):
         side = self.light.shape[-1]
         light, turned = (
             np.fft.ifft(np.fft.rfft(part, norm="forward"), axis=-2)
-            for part in (self.light.real * passed, self.turned.imag * passed[:, 1:])
+            for part in (self.light.real * passed, self.turned.real * passed[:, 1:])
         )
         return light, turned, np.where(np.arange(side // 2 + 1) % (side // 2) > 0, 2.0, 1.0)
 
@@ -719,33 +731,47 @@ def _orders(c: _Array, finest: float) -> tuple[Array, Array, float]:
 
 
 def _whole(images: _Images, fx: Array, fy: Array) -> Spectra:
-    """Fourier transforms of a whole disc and of its first moments along x and y [pitches]."""
-    from scipy.special import j0, j1
-
+    """Fourier transforms of a whole disc and, over i, of its first moments along x and y [pitches]."""
     radius = images.openings.radii[:, 0, None, None, None]
-    z = 2 * math.pi * np.hypot(fx, fy) * radius
-    near = z <= 0.02
-    safe, square = np.where(near, 1.0, z), z[near] ** 2
-    first = j1(safe) / safe
-    # The moment is i/(2 pi) times the derivative; J_2(z)/z^2 = (2 J_1(z)/z - J_0(z))/z^2.
-    bent = (2 * first - j0(safe)) / np.square(safe)
-    first[near] = 1 / 2 - square / 16 * (1 - square / 24)
-    bent[near] = 1 / 8 - square / 96 * (1 - square / 32)
-    moment = -4j * math.pi**2 * radius**4 * bent
-    return 2 * math.pi * radius**2 * first + 0j, moment * fx, moment * fy
+    first, bent = _bessel_quotients(np.square(2 * math.pi * radius) * (fx * fx + fy * fy))
+    # The moment is i/(2 pi) times the derivative.
+    moment = -4 * math.pi**2 * radius**4 * bent
+    return 2 * math.pi * radius**2 * first, moment * fx, moment * fy
+
+
+def _bessel_quotients(square: Array) -> tuple[Array, Array]:
+    """Bessel functions ``J_1(z)/z`` and ``J_2(z)/z^2`` by z squared, to 1e-11.
+
+    Taylor series about tabled places: by z^2, ``J_n/z^n`` changes by ``-J_(n+1)/z^(n+1)/2``.
+    """
+    node = np.rint(TABLED * np.sqrt(square)).astype(np.intp)
+    step = (np.square(node / TABLED) - square) / 2
+    one, two, three, four, five = (table[node] for table in _bessel_tables(int(node.max(initial=1)).bit_length()))
+    return (
+        one + step * (two + step / 2 * (three + step / 3 * four)),
+        two + step * (three + step / 2 * (four + step / 3 * five)),
+    )
+
+
+@functools.lru_cache
+def _bessel_tables(bits: int) -> list[Array]:
+    """Quotients ``J_n(z)/z^n`` for n from 1 to 5, at so many places that they have so many bits."""
+    from scipy.special import hyp0f1
+
+    square = np.square(np.arange(2**bits) / TABLED)
+    return [hyp0f1(n + 1, -square / 4) / (2**n * math.factorial(n)) for n in range(1, 6)]
 
 
 def _straight(images: _Images, fx: Array, fy: Array) -> Spectra:
-    """Fourier transforms of a whole rectangle and of its first moments along x and y [pitches]."""
+    """Fourier transforms of a whole rectangle and, over i, of its first moments along x and y [pitches]."""
     corners = images.openings.corners[:, images.openings.polygons.index(0)]
     sides = [(corners[:, 0] - corners[:, k]) / 2 for k in (1, 3)]
     (ax, ay), (bx, by) = (tuple(side.T[..., None, None, None]) for side in sides)
     (along, along_bent), (across, across_bent) = (_sinc(2 * (fx * x + fy * y)) for x, y in ((ax, ay), (bx, by)))
     area = 4 * np.abs(ax * by - ay * bx)
-    # The moment is i/(2 pi) times the derivative.
     first, second = area * along_bent * across, area * along * across_bent
-    moment_x, moment_y = (1j / math.pi * (first * a + second * b) for a, b in ((ax, bx), (ay, by)))
-    return area * along * across + 0j, moment_x, moment_y
+    moment_x, moment_y = ((first * a + second * b) / math.pi for a, b in ((ax, bx), (ay, by)))
+    return area * along * across, moment_x, moment_y
 
 
 def _sinc(x: Array) -> tuple[Array, Array]:
@@ -758,7 +784,7 @@ def _sinc(x: Array) -> tuple[Array, Array]:
 
 
 def _cut(images: _Images, fx: Array, fy: Array) -> Spectra:
-    """Transforms of any opening, cut by others or not, row by row."""
+    """Transforms of any opening, cut by others or not, row by row; of moments over i."""
     half = images.openings.spans.min(1) / 2
     finest = 2 * math.pi * float((np.abs(fy).max((1, 2, 3)) * half).max(initial=0.0))
     rows = max(ROWS, math.ceil(finest) + ROWS // 2)
@@ -785,10 +811,10 @@ def _cut(images: _Images, fx: Array, fy: Array) -> Spectra:
         sine[near] = 1 - square / 6 * (1 - square / 20 * (1 - square / 42))
         bent[near] = small * (1 / 3 - square / 30 * (1 - square / 28 * (1 - square / 54)))
         flat, moment = 2 * wide * sine, np.empty(turn.shape, complex)
-        moment.real, moment.imag = flat * mid, -2 * wide**2 * bent
+        moment.real, moment.imag = -2 * wide**2 * bent, -flat * mid
         lit, moment = turn * flat, turn * moment
         columns = np.exp(-1j * beside[some][:, None, None, :] * over.swapaxes(2, 3))
-        return lit @ columns, moment @ columns, lit @ (columns * over.swapaxes(2, 3))
+        return lit @ columns, moment @ columns, lit @ (-1j * columns * over.swapaxes(2, 3))
 
     # Some images at a time, as many as a processor's own memory holds.
     block = max(1, CACHED // max(1, x[0].size * y.shape[1]))
@@ -891,9 +917,9 @@ class _WavesOfLenses(NamedTuple):
         xx, xy, yx, yy, scale = (part[:, None, None, None] for part in (xx, xy, yx, yy, scale))
         fx, fy = xx * self.fx + xy * self.fy, yx * self.fx + yy * self.fy
         light, along, across = self.form(self.rows, fx, fy)
-        return scale * light, scale * along, scale * across
+        return scale * light, 1j * scale * along, 1j * scale * across
 
-    def at_places(self, part: Complex) -> Complex:
+    def at_places(self, part: Array | Complex) -> Complex:
         """Waves' images of such a transform at the places asked for, shape (W, fields and ways to read them, T, S)."""
         sent, images = part * self.passed, []
         for over in self.read[1]:
@@ -995,7 +1021,7 @@ def waves_shown(
         each = []
         for b in disparities.tolist():
             part = lenses.form(lenses.rows, lenses.fx - b * along, lenses.fy - b * down)[0]
-            light, *shines = lenses.at_places(part * across)
+            light, *shines = lenses.at_places(np.multiply(part, across))
             lit = light.real > FAINT
             each.append([np.where(lit, one / np.where(lit, light.real, 1.0), 0.0) for one in shines])
         shown.append(np.array(each))
