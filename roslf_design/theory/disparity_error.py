@@ -96,7 +96,7 @@ MOST, FEW, HALVED = 600, 3, 0.1
 over which halves give way to each other, so that sigma has slopes there too."""
 NESTED = np.array([0.0, 1.0, -1.0, -0.577, 0.659, -0.839, 0.87, 0.306, -0.321, -0.943, 0.953, 0.48, -0.712, -0.156])
 """Places along an axis, each where it adds most to those before it (Leja)."""
-TABLED = 64
+TABLED = 128
 """Places in a unit of z at which Bessel functions are tabled."""
 CLOSE, STEP = 0.004, 1e-5
 """Distance from the first image, in logarithms, within which fewer are taken from its tangents, to about the square of

@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._arrays import Array
 from .draws import Draws
 from .places import GradeLine, Grades, expand, nominal_values, parse_tolerance, perturbable
 from .study import CALIBRATION, Adjuster, Study, TolerancePlan
 from .trials import measure_finally
-from .yields import FRESH, Yield, curve_trials, first_draws, fresh, least_passed, promised, search_trials
+from .yields import FRESH, Yield, curve_trials, failures, first_draws, fresh, least_passed, promised, search_trials
 
 Steps = tuple[tuple[str, str, float], ...]
 """Places, grades (empty where a step is to none of them), and half-widths, or an adjuster's reach [mm or rad]."""
@@ -152,13 +153,17 @@ class _Builds(NamedTuple):
         factors[list(part.rows)] = tolerance / part.tolerance
         return self._replace(factors=factors)
 
-    def columns(self, trials: int, draws: Draws | None = None) -> Array:
-        """Values of the limited metrics in the first trials, (C, trials)."""
-        return measure_finally(self.plan, first_draws(draws or self.plan.draws, trials) * self.factors[:, None])
+    def deviations(self, trials: int, draws: Draws | None = None) -> Array:
+        """Deviations of the first trials [tolerances], (P, trials)."""
+        return first_draws(draws or self.plan.draws, trials) * self.factors[:, None]
+
+    def failing(self, deviations: Array) -> NDArray[np.bool_]:
+        """True where a build misses a limit, (trials,)."""
+        return np.asarray(~self.plan.passes(measure_finally(self.plan, deviations)).all(axis=0))
 
     def passed(self, trials: int, draws: Draws | None = None) -> int:
         """Number of the trials that hold all limits."""
-        return int(self.plan.passes(self.columns(trials, draws)).all(axis=0).sum())
+        return trials - int(self.failing(self.deviations(trials, draws)).sum())
 
     def judged(self, trials: int) -> Yield:
         """Yield on draws that no search has looked at."""
@@ -187,7 +192,7 @@ class _Aim(NamedTuple):
 
     def held_by(self, builds: _Builds) -> bool:
         """Whether builds do."""
-        return self.passed <= self.trials and builds.passed(self.trials) >= self.passed
+        return failures(builds.failing, builds.deviations(self.trials), self.trials - self.passed) is not None
 
 
 def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[_CostedPart, ...]:

@@ -19,7 +19,7 @@ from .places import of_parts
 from .study import Adjuster, TolerancePlan
 from .summaries import Variant
 from .trials import BLOCK, differences, final_faults, measure, measure_finally
-from .yields import CONFIDENCE, first_draws
+from .yields import CONFIDENCE, failures, first_draws
 
 STEP = 1e-4
 """Step of numerical derivatives, in tolerances: small enough that a central difference errs far below a percent."""
@@ -133,9 +133,13 @@ def least_reach(plan: TolerancePlan) -> tuple[Adjuster, float] | None:
         if reach > plan.question.design.d_1 / 2:
             break
         adjusted = replace(plan.limited, adjusters=(*others, Adjuster(FOCUSING, reach)))
-        share = 1 - float(np.isnan(measure_finally(adjusted, deviations)).all(axis=0).mean())
-        if share >= TOGETHER:
-            return adjusted.adjusters[-1], share
+
+        def lost(some: Array, plan: TolerancePlan = adjusted) -> NDArray[np.bool_]:
+            return np.asarray(np.isnan(measure_finally(plan, some)).all(axis=0))
+
+        failed = failures(lost, deviations, (1 - TOGETHER) * deviations.shape[1])
+        if failed is not None:
+            return adjusted.adjusters[-1], 1 - failed / deviations.shape[1]
     return None
 
 

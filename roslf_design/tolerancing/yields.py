@@ -28,6 +28,8 @@ CURVE_TRIALS, CURVE_TRIALS_ADJUSTED = 16384, 4096
 """Trials for each point of a curve; fewer where each trial is adjusted."""
 LOST = 8
 """Builds that a target yield loses at least among those that a change is searched by: fewer tell it from no other."""
+EARLIEST = 8
+"""Share of the builds, one in so many, that is asked alone whether too many fail."""
 FRESH, ROUNDS = 4, 6
 """How many times as many builds a change is judged by as it was searched by, and how often it is searched anew."""
 T = TypeVar("T")
@@ -133,6 +135,25 @@ def search_trials(trials: int, target: float) -> int:
 def least_passed(share: float, trials: int) -> int:
     """Fewest trials that must pass for the interval of their yield to begin at a share; one too many where none do."""
     return bisect_left(range(trials + 1), share, key=lambda passed: Yield(passed, trials).interval[0])
+
+
+def failures(fails: Callable[[Array], NDArray[np.bool_]], deviations: Array, most: float) -> int | None:
+    """Number of builds that fail; None where more than so many do, which the first of them tell in most cases.
+
+    Parameters
+    ----------
+    fails : callable
+        From deviations, shape (P, trials), to which builds fail, (trials,).
+    deviations : ndarray, shape (P, trials)
+    most : float
+        Number that may.
+    """
+    failed = 0
+    for some in np.split(deviations, [deviations.shape[1] // EARLIEST], axis=1):
+        failed += int(fails(some).sum()) if some.size else 0
+        if failed > most:
+            return None
+    return failed
 
 
 def promised(
