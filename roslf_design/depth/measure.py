@@ -26,7 +26,8 @@ from ..json_data import plain
 from ..progress import part_of
 from ..scenes import Noise, Scene
 from ..theory.colours import filters
-from ..theory.disparity_error import Seen, disparity_sigma
+from ..theory.disparity_error import disparity_sigma
+from ..theory.disparity_information import Seen
 from ..theory.photometry import NOTHING, dark_variance, electrons, veil_electrons
 from ..theory.stop_images import MicrolensImages
 from .dense import DenseMap

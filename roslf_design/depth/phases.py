@@ -16,7 +16,7 @@ from .._jit import THREADS, kernel, prange
 from ..calibration.decoding import LightField
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import panchromatic
-from ..theory.disparity_error import ImageParts, waves_shown
+from ..theory.image_parts import ImageParts, waves_shown
 from ..theory.stop_images import MicrolensImages
 from .unmixing import (
     COARSE,

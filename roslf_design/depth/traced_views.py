@@ -28,8 +28,8 @@ from ..polynomials import Polynomials, nodes_between, products
 from ..shapes.lattice import PACKINGS
 from ..shapes.openings import Openings
 from ..theory.colours import panchromatic
-from ..theory.disparity_error import across_lenses
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
+from ..theory.image_parts import across_lenses
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus
 from ..theory.light_field import rim_disparity

@@ -21,8 +21,8 @@ from ..calibration.decoding import DARKEST, LightField, read_between, squared
 from ..camera import Camera
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import panchromatic
-from ..theory.disparity_error import AS_IT_IS, FINEST_PLACES, ImageParts, Read, image_parts, light_read
 from ..theory.exit_pupil import microlens_image_pitch
+from ..theory.image_parts import AS_IT_IS, FINEST_PLACES, ImageParts, Read, image_parts, light_read
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus
 from ..theory.stop_images import MicrolensImages

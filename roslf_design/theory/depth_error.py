@@ -10,7 +10,8 @@ from ..bore.chain import ImagedPlane
 from ..bore.part import TEMPERATURE
 from ..camera import TEMPERATURES, Camera, Number
 from . import light, light_field
-from .disparity_error import Seen, axial_disparity_sigma, disparity_sigmas
+from .disparity_error import axial_disparity_sigma, disparity_sigmas
+from .disparity_information import Seen
 from .length_covariance import LengthCovariance
 from .photometry import NOTHING, Beside
 from .quantity import Depth

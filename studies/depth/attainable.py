@@ -26,7 +26,8 @@ from roslf_design.depth.unmixing import LEAST
 from roslf_design.design import Design
 from roslf_design.shapes.lattice import PACKINGS
 from roslf_design.theory.colours import filters, panchromatic
-from roslf_design.theory.disparity_error import Seen, disparity_sigma
+from roslf_design.theory.disparity_error import disparity_sigma
+from roslf_design.theory.disparity_information import Seen
 from roslf_design.theory.exit_pupil import microlens_image_pitch
 from roslf_design.theory.lens_shapes import LENS_SHAPES
 from roslf_design.theory.light import microlens_defocus

@@ -24,7 +24,8 @@ from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling
 from roslf_design.scenes import Plane, Scene, Sinusoid, White
 from roslf_design.theory.depth_error import seen_at
-from roslf_design.theory.disparity_error import Spectrum, _disparity_information
+from roslf_design.theory.disparity_error import _disparity_information
+from roslf_design.theory.disparity_information import Spectrum
 from roslf_design.theory.light_field import rim_disparity
 from roslf_design.theory.photometry import NOTHING, Beside, dark_variance, electrons
 from roslf_design.theory.stop_images import MicrolensImages

@@ -18,7 +18,8 @@ from roslf_design.camera import Camera
 from roslf_design.design import Design
 from roslf_design.theory import light, light_field
 from roslf_design.theory.depth_error import depth_at, depth_told
-from roslf_design.theory.disparity_error import Seen, axial_disparity_sigma
+from roslf_design.theory.disparity_error import axial_disparity_sigma
+from roslf_design.theory.disparity_information import Seen
 from roslf_design.theory.photometry import Beside
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.toml_files import nearest

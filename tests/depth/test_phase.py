@@ -16,8 +16,8 @@ from roslf_design.depth.pictures import PictureOptions, region_about
 from roslf_design.depth.unmixing import _as_they_stand as as_they_stand
 from roslf_design.design import Design
 from roslf_design.scenes import make_scene
-from roslf_design.theory.disparity_error import image_parts, waves_shown
 from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
+from roslf_design.theory.image_parts import image_parts, waves_shown
 from roslf_design.theory.light import microlens_defocus
 from roslf_design.theory.stop_images import MicrolensImages
 from tests.depth.made import Texture, fewer_rays

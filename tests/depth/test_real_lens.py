@@ -14,8 +14,8 @@ from roslf_design.depth.traced_views import TracedViews
 from roslf_design.depth.unmixing import NodeMap, ViewLight
 from roslf_design.imaging.camera import Region
 from roslf_design.scenes import Noise, Plane, Scene
-from roslf_design.theory.disparity_error import waves_shown
 from roslf_design.theory.exit_pupil import microlens_image_pitch
+from roslf_design.theory.image_parts import waves_shown
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
 from roslf_design.traced.camera import camera_of, chief_slope, microlenses, sensor_of_pupil

@@ -11,8 +11,8 @@ from roslf_design.calibration.decoding import LightField, _HexagonalRows, square
 from roslf_design.camera import Camera
 from roslf_design.depth.measure import SETTLING, _shared_noise
 from roslf_design.depth.unmixing import FREQUENCIES, LEAST, TURNS, PreparedViews, ViewLight, _shown, returned
-from roslf_design.theory.disparity_error import image_parts, waves_shown
 from roslf_design.theory.exit_pupil import microlens_image_pitch
+from roslf_design.theory.image_parts import image_parts, waves_shown
 from roslf_design.theory.stop_images import MicrolensImages
 from tests.depth.made import Texture
 

@@ -13,7 +13,7 @@ from roslf_design.optimization.goals import Goal
 from roslf_design.optimization.problem import sobol_units
 from roslf_design.optimization.search import search, value_and_jacobian
 from roslf_design.optimization.solve import Settings, solve
-from roslf_design.theory import disparity_error
+from roslf_design.theory import information_series
 from tests.optimization.posing import PAPER, goal, limit, posed
 from tests.oracles.optimize import brute_force, eq7_residual, largest_undistorted_plane, matched_sensor_distance
 
@@ -176,7 +176,7 @@ def test_a_predicted_depth_error_is_as_good_as_an_exact_search(monkeypatch):
     ours = search(problem.vector, np.full(3, 0.5))
     own = value_and_jacobian(problem.vector, np.full(3, 0.4))[1]
     with monkeypatch.context() as exact:
-        exact.setattr(disparity_error, "CLOSE", 0.0)
+        exact.setattr(information_series, "CLOSE", 0.0)
         assert problem.vector(ours.unit[None])[0, 0] == pytest.approx(ours.merit, abs=1e-12)
         assert_allclose(own, value_and_jacobian(problem.vector, np.full(3, 0.4))[1], atol=1e-4, rtol=1e-4)
         slow = search(problem.vector, np.full(3, 0.5))

@@ -18,8 +18,8 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.errors import InputError
 from roslf_design.rays import trace_pupil
-from roslf_design.theory.disparity_error import image_parts
 from roslf_design.theory.f_number import matched
+from roslf_design.theory.image_parts import image_parts
 from roslf_design.theory.light import solid_angle
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages

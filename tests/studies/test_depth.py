@@ -13,8 +13,8 @@ import pytest
 
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import depth_of, disparity_of
-from roslf_design.theory.disparity_error import image_parts
 from roslf_design.theory.exit_pupil import microlens_image_pitch
+from roslf_design.theory.image_parts import image_parts
 from roslf_design.theory.light import microlens_defocus
 from roslf_design.theory.stop_images import MicrolensImages
 

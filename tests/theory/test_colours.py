@@ -18,7 +18,8 @@ from roslf_design.imaging.white import white_patch
 from roslf_design.scenes import Noise, Plane, Scene, SceneError
 from roslf_design.theory.colours import FILTERS, mosaic
 from roslf_design.theory.depth_error import seen_at
-from roslf_design.theory.disparity_error import Spectrum, _disparity_information, disparity_sigma
+from roslf_design.theory.disparity_error import _disparity_information, disparity_sigma
+from roslf_design.theory.disparity_information import Spectrum
 from roslf_design.theory.photometry import electrons, exposure, response, through_filter
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.resolution import fold

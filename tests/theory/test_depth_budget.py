@@ -10,7 +10,8 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.depth_error import depth_error, lengths_error, seen_at, temperature_error
-from roslf_design.theory.disparity_error import Spectrum, _disparity_information, axial_disparity_sigma
+from roslf_design.theory.disparity_error import _disparity_information, axial_disparity_sigma
+from roslf_design.theory.disparity_information import Spectrum
 from roslf_design.theory.length_covariance import CalibratedLengths, LengthCovariance
 from roslf_design.theory.photometry import Beside, electrons
 from roslf_design.theory.quantities import QUANTITIES

@@ -14,16 +14,14 @@ from roslf_design.evaluation import default_fields
 from roslf_design.shapes.lattice import PACKINGS
 from roslf_design.theory.depth_error import seen_at
 from roslf_design.theory.disparity_error import (
-    Seen,
-    Spectrum,
     _disparity_information,
-    _overlapping,
     axial_disparity_sigma,
     disparity_sigma,
-    image_parts,
     view_gradient,
 )
+from roslf_design.theory.disparity_information import Seen, Spectrum, overlapping
 from roslf_design.theory.exit_pupil import microlens_image_pitch
+from roslf_design.theory.image_parts import image_parts
 from roslf_design.theory.lens_shapes import LENS_SHAPES
 from roslf_design.theory.photometry import dark_variance, electrons, exposure
 from roslf_design.theory.quantities import QUANTITIES
@@ -306,7 +304,7 @@ def test_builds_are_those_taken_one_by_one(layout, lens_shape):
     d_2 = np.array([0.4, 1.0, 1.9, 2.0, 2.3])
     many = QUANTITIES["sigma_z_mm"](Camera.of(design, {"d_2": d_2}))
     ones = [float(QUANTITIES["sigma_z_mm"](Camera.of(design, {"d_2": value}))) for value in d_2]
-    assert_allclose(many, ones, rtol=3e-8)  # one by rows, many by Bessel functions, whose extrapolations differ
+    assert_allclose(many, ones, rtol=3e-8)
     assert np.isfinite(many).all()
 
 
@@ -456,5 +454,5 @@ def test_pixels_that_several_images_reach_are_those_of_drawn_discs(layout, wide)
     x, y = np.meshgrid(places, 2 * rise * places)
     rows = [(k + (0.5 * (n % 2) if rise < 1 else 0.0), n * rise) for k in range(-2, 4) for n in range(-2, 5)]
     covered = sum(np.hypot(x - a, y - b) < wide / 2 for a, b in rows)
-    assert _overlapping(wide, rise, True) == pytest.approx(np.mean(covered > 1), abs=2.5e-3)
-    assert _overlapping(0.98, rise, True) == _overlapping(1.0, rise, False) == 0
+    assert overlapping(wide, rise, True) == pytest.approx(np.mean(covered > 1), abs=2.5e-3)
+    assert overlapping(0.98, rise, True) == overlapping(1.0, rise, False) == 0
