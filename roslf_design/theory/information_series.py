@@ -41,11 +41,13 @@ def interpolated_information(images: ImageRows, c: ArrayKind, level: int) -> Arr
     which took no part in it, and at some between. Images too few for a series are summed. Fewer that lie close about
     the first are taken from tangents there: so are its derivatives.
     """
-    # Builds that differ in what whole images do not depend on are worked out once.
+    # Builds that differ in what whole images do not depend on are worked out once, in their order; compared as bytes.
     numbers = np.column_stack([*images[:-2], *images.texture[:2], *images.own_shape])
-    _, first, again = np.unique(numbers, axis=0, return_index=True, return_inverse=True)
+    rows = numbers.view(np.dtype((np.void, numbers.strides[0])))[:, 0]
+    _, first, again = np.unique(rows, return_index=True, return_inverse=True)
     if first.size < images.pitch.size:
-        return interpolated_information(images.at(first), c, level)[again]
+        order = np.argsort(first)
+        return interpolated_information(images.at(first[order]), c, level)[np.argsort(order)[again]]
     few = images.pitch.size < NEARLY_ALIKE
     if not (images.texture.fine > 0).all() or (few and np.isfinite(images.room).any()):
         return summed_information(images, c, level, whole=True)

@@ -138,15 +138,9 @@ def least_passed(share: float, trials: int) -> int:
 
 
 def failures(fails: Callable[[Array], NDArray[np.bool_]], deviations: Array, most: float) -> int | None:
-    """Number of builds that fail; None where more than so many do, which the first of them tell in most cases.
+    """Number of builds, given by their deviations (P, trials), that fail; None where more than `most` do.
 
-    Parameters
-    ----------
-    fails : callable
-        From deviations, shape (P, trials), to which builds fail, (trials,).
-    deviations : ndarray, shape (P, trials)
-    most : float
-        Number that may.
+    The first of them tell that in most cases.
     """
     failed = 0
     for some in np.split(deviations, [deviations.shape[1] // EARLIEST], axis=1):
