@@ -20,7 +20,18 @@ from .draws import Draws
 from .places import GradeLine, Grades, expand, nominal_values, parse_tolerance, perturbable
 from .study import CALIBRATION, Adjuster, Study, TolerancePlan
 from .trials import measure_finally
-from .yields import FRESH, Yield, curve_trials, failures, first_draws, fresh, least_passed, promised, search_trials
+from .yields import (
+    EARLIEST,
+    FRESH,
+    Yield,
+    curve_trials,
+    failures,
+    first_draws,
+    fresh,
+    least_passed,
+    promised,
+    search_trials,
+)
 
 Steps = tuple[tuple[str, str, float], ...]
 """Places, grades (empty where a step is to none of them), and half-widths, or an adjuster's reach [mm or rad]."""
@@ -32,6 +43,8 @@ MOST_TRIALS, STEPS_TRIALS = 4096, 1024
 """Builds that a change is searched by, and those by which the next of several steps is chosen."""
 HALVINGS = 12
 """Number of halvings in a bisection: it ends at 1/4096 of the tolerance."""
+LOST_ROOM = 1e9
+"""Share of its limits' margin that a build counts for which is no camera."""
 UNNOTICED = 0.002
 """Share of builds that loosening may cost where the target yield is out of reach anyhow."""
 
@@ -171,10 +184,17 @@ class _Builds(NamedTuple):
 
     def used(self, target: float, trials: int, *others: _Builds) -> Array:
         """Shares of the limits' margin that the wanted share of builds uses, here and with others' tolerances."""
-        draws = first_draws(self.plan.draws, trials)
-        deviations = np.hstack([draws * builds.factors[:, None] for builds in (self, *others)])
-        worst = np.nan_to_num(self.plan.used_room(measure_finally(self.plan, deviations)), posinf=1e9)
-        return np.asarray(np.quantile(worst.reshape(-1, trials), target, axis=1, method="higher"))
+        draws, factors = first_draws(self.plan.draws, trials), np.stack([b.factors for b in (self, *others)], axis=1)
+        worst, left = np.full((1 + len(others), trials), LOST_ROOM), np.arange(1 + len(others))
+        for some in filter(len, np.split(np.arange(trials), [trials // EARLIEST])):
+            deviations = (factors[:, left, None] * draws[:, None, some]).reshape(len(draws), -1)
+            room = np.nan_to_num(self.plan.used_room(measure_finally(self.plan, deviations)), posinf=LOST_ROOM)
+            worst[left[:, None], some] = room.reshape(left.size, -1)
+            # Where that many are no cameras already, the rest makes no difference.
+            left = left[(worst[left][:, : some[-1] + 1] >= LOST_ROOM).sum(1) <= (1 - target) * trials]
+            if not left.size:
+                break
+        return np.asarray(np.quantile(worst, target, axis=1, method="higher"))
 
 
 class _Aim(NamedTuple):
