@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
-from scipy.special import ndtr
+from scipy.special import jv, ndtr
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
@@ -19,7 +19,7 @@ from roslf_design.theory.disparity_error import (
     disparity_sigma,
     view_gradient,
 )
-from roslf_design.theory.disparity_information import Seen, Spectrum, overlapping
+from roslf_design.theory.disparity_information import Seen, Spectrum, _bessel_quotients, overlapping
 from roslf_design.theory.exit_pupil import microlens_image_pitch
 from roslf_design.theory.image_parts import image_parts
 from roslf_design.theory.lens_shapes import LENS_SHAPES
@@ -306,6 +306,15 @@ def test_builds_are_those_taken_one_by_one(layout, lens_shape):
     ones = [float(QUANTITIES["sigma_z_mm"](Camera.of(design, {"d_2": value}))) for value in d_2]
     assert_allclose(many, ones, rtol=3e-8)
     assert np.isfinite(many).all()
+
+
+def test_transforms_of_a_disc_have_the_bessel_functions_of_scipy():
+    """By tables and series, from the middle to far beyond what passes."""
+    z = np.append(np.random.default_rng(4).uniform(0, 300, 2000), np.linspace(0, 0.1, 50))[1:]
+    ones, twos = _bessel_quotients(z * z)
+    safe = np.where(z > 0, z, 1.0)
+    assert_allclose(ones, np.where(z > 0, jv(1, safe) / safe, 1 / 2), atol=2e-12)
+    assert_allclose(twos, np.where(z > 0, jv(2, safe) / safe**2, 1 / 8), atol=2e-12)
 
 
 def test_builds_all_alike_are_as_one():

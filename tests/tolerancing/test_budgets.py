@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from scipy.stats import binomtest
 
@@ -12,7 +13,7 @@ from roslf_design.tolerancing.places import load_grades
 from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.study import tolerance_plan
 from roslf_design.tolerancing.summaries import summarise
-from roslf_design.tolerancing.yields import scale_for_yield
+from roslf_design.tolerancing.yields import failures, scale_for_yield
 
 SHOP = """
 [grades]
@@ -162,3 +163,12 @@ def test_bad_costs_are_told(tmp_path, text, key):
     with pytest.raises(InputError) as caught:
         load_grades(tmp_path / "g.toml")
     assert [problem.key for problem in caught.value.problems] == [key]
+
+
+@pytest.mark.parametrize("count", [5, 64])
+@pytest.mark.parametrize("most", [-1, 0, 7, 64])
+def test_failures_are_counted_or_too_many(count, most):
+    failing = np.random.default_rng(count).uniform(size=count) < 0.2
+    deviations = np.arange(count)[None].astype(float)
+    number = failures(lambda some: failing[some[0].astype(int)], deviations, most)
+    assert number == (failing.sum() if failing.sum() <= most else None)
