@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -98,10 +98,16 @@ class PupilImage:
 
         1 is full light without neighbours. A Fourier series over the lattice, however large and blurred images are.
         """
-        orders = (f(steps, 1 / steps) for f in (np.fft.fftfreq, np.fft.rfftfreq))
-        waves = np.stack(np.meshgrid(*orders, indexing="ij"), -1) @ np.linalg.inv(lattice.basis)
-        cos, sin = math.cos(lattice.rotation), math.sin(lattice.rotation)
-        x, y = waves @ [cos, sin], waves @ [-sin, cos]
+        return _summed(self._series(lattice, steps), steps)
+
+    def splines_over_cell(self, lattice: CentreLattice, steps: int) -> Array:
+        """Coefficients of the cubic spline through `over_cell`, periodic, shape (steps, steps)."""
+        shares = [(2 + np.cos(2 * math.pi * f(steps))) / 3 for f in (np.fft.fftfreq, np.fft.rfftfreq)]
+        return _summed(self._series(lattice, steps) / np.multiply.outer(*shares), steps)
+
+    def _series(self, lattice: CentreLattice, steps: int) -> Array:
+        """Fourier coefficients of `over_cell`, those of the half plane that numpy's `irfft2` takes."""
+        x, y, box = _cell_waves(lattice, steps)
         passed = np.maximum(np.abs(x), np.abs(y)) < self.lens.cutoff  # of a blurred image a few in a hundred
         x, y = x[passed], y[passed]
         part = self.opening.spectrum(x, y)
@@ -109,8 +115,21 @@ class PupilImage:
             inner = sum(w * self.opening.scaled(size).spectrum(x, y) for size, w in _pile(self.power))
             part = part + self.dimmer * (inner - part)
         light = np.zeros(passed.shape)
-        light[passed] = part * self.lens(x, y) * pixel_box(waves[passed], 1.0).prod(-1)
-        return np.asarray(np.fft.irfft2(light, (steps, steps)) * steps**2 / abs(np.linalg.det(lattice.basis)))
+        light[passed] = part * self.lens(x, y) * box[passed]
+        return light / abs(np.linalg.det(lattice.basis))
+
+
+def _summed(series: Array, steps: int) -> Array:
+    return np.asarray(np.fft.irfft2(series, (steps, steps)) * steps**2)
+
+
+@lru_cache(4)
+def _cell_waves(lattice: CentreLattice, steps: int) -> tuple[Array, Array, Array]:
+    """Frequencies of a cell's series along the lattice's axes [1/px], and the transfer of a pixel's square there."""
+    orders = (f(steps, 1 / steps) for f in (np.fft.fftfreq, np.fft.rfftfreq))
+    waves = np.stack(np.meshgrid(*orders, indexing="ij"), -1) @ np.linalg.inv(lattice.basis)
+    cos, sin = math.cos(lattice.rotation), math.sin(lattice.rotation)
+    return waves @ [cos, sin], waves @ [-sin, cos], pixel_box(waves, 1.0).prod(-1)
 
 
 @cache

@@ -38,6 +38,8 @@ _FINE, _MOST_STEPS = 12, 512
 """Places a pixel at which the model is tabulated, or more, and most of them across a cell."""
 _ROUNDS, _SETTLED = 30, 1e-4
 """Most steps of a fit, and the step [px] after which it has settled."""
+_STRAIGHT = 0.95
+"""Cosine above which two steps of a fit go one way; and their ratio, above which nothing is known of their sum."""
 _UNLIKE = 0.01
 """Misfit that width and veil have to bear to be told apart [fully lit pixels, rms]: real images follow no model better.
 """
@@ -223,6 +225,17 @@ def _step(jacobian: Array, residual: Array) -> Array:
     return np.asarray(np.linalg.lstsq(jacobian.T @ jacobian, jacobian.T @ residual, rcond=1e-10)[0])
 
 
+def _summed_up(move: Array, last: Array) -> tuple[Array, Array]:
+    """Step to where steps end of which each is as much of the one before (Aitken), and what the next compares with.
+
+    Where residuals are large, or laws of a rim alike, steps shrink by a fifth each.
+    """
+    length, before = float(np.linalg.norm(move)), float(np.linalg.norm(last))
+    if before > 0 and float(move @ last) > _STRAIGHT * length * before and length < _STRAIGHT * before:
+        return move / (1 - length / before), np.zeros_like(move)
+    return move, move.copy()
+
+
 class ImageSamples(NamedTuple):
     """Pixels in the cells of whole microlens images."""
 
@@ -273,9 +286,17 @@ class ImageSamples(NamedTuple):
         """Values there of what is tabulated over a cell, a row of each table."""
         from scipy.ndimage import spline_filter
 
-        values = np.empty((len(tables), len(self.at)))
-        weights = [np.pad(spline_filter(table, 3, mode="grid-wrap"), (1, 2), mode="wrap") for table in tables]
-        _read.compiled(np.stack(weights), np.ascontiguousarray(self.at), values)
+        return self._of([spline_filter(table, 3, mode="grid-wrap") for table in tables])
+
+    def shown(self, images: Sequence[PupilImage], lattice: CentreLattice, steps: int) -> Array:
+        """Light there of pupils' images, tabulated at so many places along a cell, a row of each image."""
+        return self._of([image.splines_over_cell(lattice, steps) for image in images])
+
+    def _of(self, splines: Sequence[Array]) -> Array:
+        """Values there of periodic splines over a cell, by their coefficients."""
+        values = np.empty((len(splines), len(self.at)))
+        weights = np.pad(np.stack(splines), ((0, 0), (1, 2), (1, 2)), mode="wrap")
+        _read.compiled(weights, np.ascontiguousarray(self.at), values)
         return values
 
 
@@ -329,12 +350,12 @@ class ImageFit:
         low, high = np.array([_BOUNDS[name] for name in free]).T * [1 if n == "dimmer" else lattice.pitch for n in free]
         values = np.clip([getattr(start, name) for name in free], low, high)
         steps = min(_MOST_STEPS, 16 * math.ceil(_FINE * lattice.pitch / 16))  # transforms of multiples are quick
-        veil, settled, states = 0.0, False, set[tuple[float, ...]]()
+        veil, settled, states, last = 0.0, False, set[tuple[float, ...]](), np.zeros(1 + len(free))
         for turn in range(_ROUNDS + 1):
             image = replace(start, **dict(zip(free, values.tolist(), strict=True)))
-            table = image.over_cell(lattice, steps)
-            moved = [replace(image, **{name: getattr(image, name) + 1e-3}).over_cell(lattice, steps) for name in free]
-            light, *rates = samples.read([table, *((other - table) * 1e3 for other in moved)])
+            moved = [replace(image, **{name: getattr(image, name) + 1e-3}) for name in free]
+            light, *others = samples.shown([image, *moved], lattice, steps)
+            rates = [(other - light) * 1e3 for other in others]
             mean = samples.mean(light + veil)
             gains = samples.mean(samples.value) / mean
             residual = samples.value / gains[samples.lens] - light - veil
@@ -349,6 +370,7 @@ class ImageFit:
             stuck = np.append(False, (values <= low) & (move[1:] < 0))
             if stuck.any():  # images as sharp as pixels
                 move[stuck], move[~stuck] = 0.0, _step(jacobian[:, ~stuck], residual)
+            move, last = _summed_up(move, last)
             move[1:] = np.clip(move[1:], -0.2 * (high - low), 0.2 * (high - low))
             veil = min(max(veil + float(move[0]), -0.2), 5.0)
             after = np.clip(values + move[1:], low, high)
