@@ -17,6 +17,7 @@ from roslf_design.calibration import (
     camera_of,
     expected_errors,
     plan,
+    planning,
     random_poses,
     sheet_of,
     synthetic_observations,
@@ -129,8 +130,12 @@ def test_every_corner_of_the_advised_boards_is_in_the_field(name):
     [(name, {}) for name in ("paper", "rigid-scope", "arthroscope", "grin-needle", "pipe-bore", "video-otoscope")]
     + [("paper", {"boards": 150}), ("paper", {"boards": 100, "board": "10x10 3 mm"})],
 )
-def test_an_advised_board_is_one_that_the_bench_takes_and_that_covers_as_much(name, asked):
+def test_an_advised_board_is_one_that_the_bench_takes_and_that_covers_as_much(name, asked, monkeypatch):
     """Each advice asked for in its own words, as a person would type it; cells at the farthest by similar triangles."""
+    # How sure each makes the camera is told by one set of poses instead of eight: nobody looks at it.
+    monkeypatch.setattr(
+        planning, "expected_errors", lambda *of, **known: expected_errors(*of, **known | {"samples": 1})
+    )
     design = load(name)
     camera = Camera.of(design)
     asked = asked | {"at": (design.d_f - float(camera.tip),)}

@@ -5,7 +5,7 @@ from contextvars import ContextVar
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from roslf_design._jit import Kernel
@@ -43,6 +43,7 @@ def test_each_pixel_by_slices(seed):
 
 
 @given(sets, st.floats(0.1, 3), st.floats(-1, 1), st.floats(-1, 1))
+@settings(max_examples=40)
 @example(np.array([[0.0, 0.0, 1.0], [0.3, -0.2, 1.1]]), 0.05, 0.01, -0.02)
 def test_each_pixel_is_the_exact_cell(discs, pixel, x, y):
     """Two ways of Green: from edge to edge of the pixels, and arc by arc within each rectangle."""
