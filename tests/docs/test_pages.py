@@ -11,6 +11,7 @@ from pages import blocks, follow, matches, steps, thin_out
 
 from tests.reporting.made import few_waves, views_as_refocused
 
+pytestmark = pytest.mark.usefixtures("found_once")  # pages calibrate the same captures twice
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = [
     page
