@@ -5,7 +5,7 @@ import functools
 import numpy as np
 import pytest
 
-from roslf_design.calibration import find_centres
+from roslf_design.calibration import find_centres, white_profile
 from roslf_design.calibration.frames import Repeated
 from roslf_design.calibration.noise import _root, measured_sensor
 from roslf_design.calibration.white_profile import WhiteFrame
@@ -90,6 +90,19 @@ def test_figures_are_within_their_errors(sensor):
         misses.append(off(found.read_noise, sensor["read"]))
     assert np.sum(np.abs(misses) > 2) <= 3
     assert np.max(np.abs(misses)) < 4
+
+
+def test_images_that_darken_by_any_law_are_fitted_in_few_steps(monkeypatch):
+    """One that falls with the fourth power went on for thirty and more, a fifth less each, and was left out."""
+    white = together(Drawn(0).frames(PEAK))
+    centres = find_centres(white.averaged, None, layout="square", pitch=PITCH)
+    frame = WhiteFrame((white.mean - BLACK).astype(np.float32), float(TOP))
+    images = []
+    for rounds in (14, 200):
+        monkeypatch.setattr(white_profile, "_ROUNDS", rounds)
+        images.append(frame.profile(centres, None).image)
+    assert images[0].radius == pytest.approx(images[1].radius, rel=1e-4)
+    assert images[0].dimmer == pytest.approx(images[1].dimmer, abs=1e-3)
 
 
 def test_several_exposures_tell_the_full_well():
