@@ -50,10 +50,9 @@ def test_white_image_against_huygens_quadrature():
     assert np.abs(image - truth).max() < 6e-3  # 1200 pupil points; with 4800 it is 1.1e-3
 
 
-@pytest.mark.parametrize("f_ml", [2.0, 1.6])
-def test_isolated_round_microlens_against_huygens_quadrature(f_ml):
-    """One microlens of an array of one, in and out of focus: the convolution with its own kernel."""
-    lone = ROUND.replace({"microlens_array.size": (0.064, 0.064)}, f_ml=f_ml)
+def test_isolated_round_microlens_against_huygens_quadrature():
+    """One microlens of an array of one, out of focus: the convolution with its own kernel."""
+    lone = ROUND.replace({"microlens_array.size": (0.064, 0.064)}, f_ml=1.6)
     lines, seen, transfer = planned(lone, ["+microlens_defocus"])
     width, height = lone.pixels
     region = Region(width // 2 - 8, height // 2 - 8, 16, 16)
@@ -81,10 +80,9 @@ def test_series_and_convolution_agree_where_both_hold(lens_shape, layout, rotati
     assert np.sqrt(np.mean((image - series) ** 2)) < 1e-3  # what two subpixels fold back
 
 
-@pytest.mark.parametrize("f_ml", [2.0, 1.8])
-def test_white_image_of_a_hexagonal_array_against_huygens_quadrature(f_ml):
+def test_white_image_of_a_hexagonal_array_against_huygens_quadrature():
     """Even rows and odd rows are two square grids, but for their steps; tails as above."""
-    hexagonal = PAPER.replace({"microlens_array.layout": "hexagonal"}, f_ml=f_ml)
+    hexagonal = PAPER.replace({"microlens_array.layout": "hexagonal"}, f_ml=1.8)
     _, seen, transfer = planned(hexagonal, ["+microlens_defocus"])
     axis = np.linspace(-0.55, 0.55, 23) * PAPER.d
     pitch, area = 0.062726086956521737, np.pi * (2.9 * 35 / 23 * 2 / 140 / 2) ** 2
@@ -123,23 +121,21 @@ def test_a_hexagonal_array_takes_a_series_as_a_square_one_does(wavelength, rotat
     assert ways[1][1] <= 1.8 * ways[0][1]  # rows lie sqrt(3)/2 of a pitch apart, and half a harmonic apart
 
 
-@pytest.mark.parametrize("f_ml", [2.0, 2.3])
-def test_interference_of_square_neighbours_against_huygens_quadrature(f_ml):
+def test_interference_of_square_neighbours_against_huygens_quadrature():
     """Fields of all microlenses added up for every point of the pupil; tails' 1/N by Richardson's step."""
-    _, seen, transfer = planned(PAPER.replace(f_ml=f_ml), ["+microlens_defocus"])
+    _, seen, transfer = planned(PAPER.replace(f_ml=2.3), ["+microlens_defocus"])
     axis, area = np.linspace(-0.5, 0.5, 5) * 0.0627, np.pi * (2.9 * 35 / 23 * 2 / 140 / 2) ** 2
     near, far = (huygens.square_interference(seen, axis, axis, n, 48, 60 + 10 * n) * area for n in (4, 8))
     series = _interference_series(seen, transfer, pixel=False, reach=8).at(axis, axis)
     assert np.abs(series - (2 * far - near)).max() < 6e-4
-    assert np.abs(series).max() > (0.003 if f_ml == 2.0 else 0.028)
+    assert np.abs(series).max() > 0.028
 
 
-@pytest.mark.parametrize("layout", ["square", "hexagonal"])
-def test_interference_of_round_neighbours_against_huygens_quadrature(layout):
+def test_interference_of_round_neighbours_against_huygens_quadrature():
     """Microlenses up to three pitches off; what those beyond add, with their fields' tails, is 4e-3."""
-    design = ROUND.replace({"microlens_array.layout": layout})
+    design = ROUND.replace({"microlens_array.layout": "hexagonal"})
     _, seen, transfer = planned(design, ["+microlens_defocus"])
-    places = 0.062726086956521737 * np.array([[0.0, 0.0], [0.5, 0.5] if layout == "square" else [0.0, 0.5773]])
+    places = 0.062726086956521737 * np.array([[0.0, 0.0], [0.0, 0.5773]])
     lattice = ImageLattice.of(seen)
     centres = lattice.microlens(np.stack(np.meshgrid(*[np.arange(-6, 7)] * 2), -1).reshape(-1, 2))
     centres = centres[np.hypot(*centres.T) < 3.01 * seen.d]
