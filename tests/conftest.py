@@ -23,7 +23,8 @@ settings.register_profile(
 settings.register_profile("explore", deadline=None, max_examples=2000)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
-from roslf_design.calibration import corners, outcome  # noqa: E402
+from roslf_design.bench import reference  # noqa: E402
+from roslf_design.calibration import corners, outcome, raw  # noqa: E402
 from roslf_design.calibration.white_profile import ImageFit  # noqa: E402
 from roslf_design.commands import terminal  # noqa: E402
 from roslf_design.drawing.picture import Picture  # noqa: E402
@@ -118,7 +119,8 @@ def found_once():
         return found
 
     with pytest.MonkeyPatch.context() as patch:
-        for place, name in ((outcome, "find_centres"), (corners, "fit_saddles"), (ImageFit, "of")):
+        places = [(module, "find_centres") for module in (outcome, raw, reference)]
+        for place, name in (*places, (corners, "fit_saddles"), (ImageFit, "of")):
             patch.setattr(place, name, remembered(getattr(place, name)))
         yield known
 

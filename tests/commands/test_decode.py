@@ -18,6 +18,7 @@ from roslf_design.imaging.render import render
 from roslf_design.scenes import make_scene
 from tests.oracles.calibration import nodes_over, white_image
 
+pytestmark = pytest.mark.usefixtures("found_once")
 NEAR, FAR = 315.0, 395.0
 REGION = (2090, 1400, 420, 280)
 PICTURES = ("lattice", "centre-view", "views", "refocus", "epi")
@@ -102,7 +103,8 @@ def test_json_and_a_folder_of_views(capsys, decoded, tmp_path):
     assert (tmp_path / "out" / "epi.png").exists()
 
 
-def test_the_same_image_makes_the_same_bytes(capsys, captured, decoded, tmp_path):
+def test_the_same_image_makes_the_same_bytes(capsys, captured, decoded, tmp_path, found_once):
+    found_once.clear()
     asked = ["--focus", f"{NEAR} mm,{FAR} mm", "--focus", "0", "-o", tmp_path / "out"]
     code, _, _ = run(capsys, "decode", captured / "raw.tif", "--white", captured / "white.tif", "--design", "paper",
                      *asked)  # fmt: skip
