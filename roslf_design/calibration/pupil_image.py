@@ -116,10 +116,11 @@ class PupilImage:
             part = part + self.dimmer * (inner - part)
         light = np.zeros(passed.shape)
         light[passed] = part * self.lens(x, y) * box[passed]
-        return light / abs(np.linalg.det(lattice.basis))
+        return np.asarray(light / abs(np.linalg.det(lattice.basis)))
 
 
 def _summed(series: Array, steps: int) -> Array:
+    """Values of a cell's Fourier series at its steps."""
     return np.asarray(np.fft.irfft2(series, (steps, steps)) * steps**2)
 
 
