@@ -2,7 +2,6 @@
 
 import re
 import tomllib
-from pathlib import Path
 
 import pytest
 
@@ -12,7 +11,6 @@ from roslf_design.commands import report as command
 from roslf_design.design import load
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
-from roslf_design.progress import silent
 from roslf_design.reporting import story
 from roslf_design.reporting.blocks import Bullets, Code, Report, Statements, Table
 from roslf_design.reporting.optimise.pages import optimization_finding
@@ -22,6 +20,7 @@ from roslf_design.reporting.story import (
     FILL,
     load_story_or_study,
     quick_study,
+    run_optimisation,
     story_report,
     study_report,
 )
@@ -83,32 +82,13 @@ def write(place):
     return place
 
 
-@pytest.fixture(scope="module", autouse=True)
-def searched_once():
-    """Optima that one study is searched for are found once, whatever report they go into.
-
-    Clear it where a test looks that twice gives the same.
-    """
-    known, search = {}, story.run_optimisation
-
-    def remembered(data, design=None, folder=Path(), origin="", tell=silent, seed=None):
-        asked = repr((data, design, seed))
-        if asked not in known:
-            known[asked] = search(data, design, folder, origin, tell, seed)
-        return known[asked]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(story, "run_optimisation", remembered)
-        yield known
-
-
 @pytest.fixture
 def folder(tmp_path):
     return write(tmp_path)
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory, few_builds, searched_once):
+def told(tmp_path_factory, few_builds):
     """The story's report, and what was said on the way."""
     place, said = write(tmp_path_factory.mktemp("story")), []
     story = load_story_or_study(place / "story.toml")[1]
@@ -125,7 +105,7 @@ def blocks(report, kind):
 def test_a_design_that_is_not_the_optimum_is_told_with_its_own_numbers(tmp_path, few_builds):
     """Of a robust design the goal is told as it is of that design, beside the optimum's."""
     extra = '[robust]\nmaximise = "yield"\ntrials = 64\n[[robust.perturb]]\nplace = "d_2"\ntolerance = "10 um"'
-    result = story.run_optimisation(tomllib.loads(OPTIMIZE + extra), None, tmp_path)
+    result = run_optimisation(tomllib.loads(OPTIMIZE + extra), None, tmp_path)
     taken = dict(result.designs())["robust.toml"]
     own = float(QUANTITIES["sigma_z_mm"](Camera.of(taken), 100.0))
     text = optimization_finding(result, "robust", "the robust design").statement.text
@@ -140,7 +120,7 @@ def test_a_design_that_is_not_the_optimum_is_told_with_its_own_numbers(tmp_path,
 
 def test_each_part_hands_its_design_on(told):
     report, _, place = told
-    best = story.run_optimisation(tomllib.loads(OPTIMIZE), None, place).answer
+    best = run_optimisation(tomllib.loads(OPTIMIZE), None, place).answer
     (design,) = (code.text for code in blocks(report, Code) if code.title == "The design, as a file")
     (place / "found.toml").write_text(design)
     found = load(place / "found.toml")
@@ -168,9 +148,8 @@ def test_a_story_has_every_section_and_says_what_was_done(told):
     assert ("part 2 of 3, tolerances: builds", 2000, 2000) in said
 
 
-def test_the_same_story_gives_the_same_page_and_pdf(told, without_figures, searched_once):
+def test_the_same_story_gives_the_same_page_and_pdf(told, without_figures):
     report, _, place = told
-    searched_once.clear()
     again = story_report(load_story_or_study(place / "story.toml")[1], command="roslf report story.toml")
     assert render_html(again) == render_html(report)
     pytest.importorskip("typst", reason="the typst package is not installed")
