@@ -557,8 +557,7 @@ class _Views:
             views = views.copy()
             with THREADS:
                 fill_holes.compiled(views, self.light)
-        usable = np.where(self.full, np.float32(0), self.light) if self.full.any() else self.light
-        return spline_coefficients(views), light_of_cells(usable)
+        return spline_coefficients(views), light_of_cells(self.light, self.full)
 
     def zones(self, largest: float) -> tuple[NDArray[np.int64], int]:
         """Zone of each view, so that disparities up to `largest` smear none by more than about a pitch."""

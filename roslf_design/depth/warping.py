@@ -157,22 +157,25 @@ def _taps(f: float32) -> Taps:
     return first, second, third, fourth, rest, sixth, seventh, last
 
 
-def light_of_cells(light: Samples) -> Samples:
-    """Light between four neighbouring samples, shape (view, v - 1, u - 1); 0 where one of 6 x 6 about it has none.
+def light_of_cells(light: Samples, full: Flags | None = None) -> Samples:
+    """Light between four neighbouring samples, shape (view, v - 1, u - 1); 0 where one of 4 x 4 about it has none.
 
-    The outermost of the 8 x 8 that are interpolated from weigh 2e-4 at most.
+    Without light is what neighbours carry on to; `full` samples are dark by as much as nobody knows, and none of 6 x 6
+    may be. The outermost of the 8 x 8 that are interpolated from weigh 2e-4 at most.
     """
+    some_full = full is not None and bool(full.any())
     dimmest = light.min()
-    if dimmest == light.max():
+    if dimmest == light.max() and not some_full:
         return np.broadcast_to(dimmest, (len(light), light.shape[1] - 1, light.shape[2] - 1))
     mean = float32(0.25) * (light[:, :-1, :-1] + light[:, :-1, 1:] + light[:, 1:, :-1] + light[:, 1:, 1:])
-    if dimmest > 0:
-        return np.asarray(mean)
-    lit = np.pad(light > 0, ((0, 0), (2, 2), (2, 2)), constant_values=True)
     rows, columns = mean.shape[1:]
-    lit = np.logical_and.reduce([lit[:, k : k + rows] for k in range(6)])
-    mean *= np.logical_and.reduce([lit[..., k : k + columns] for k in range(6)])
-    return mean
+    for bad, reach in ((light <= 0, 1), (full, 2)):
+        if bad is None or not bad.any():
+            continue
+        good = ~np.pad(bad, ((0, 0), (reach, reach), (reach, reach)))
+        good = np.logical_and.reduce([good[:, k : k + rows] for k in range(2 * reach + 2)])
+        mean *= np.logical_and.reduce([good[..., k : k + columns] for k in range(2 * reach + 2)])
+    return np.asarray(mean)
 
 
 @kernel(parallel=True)

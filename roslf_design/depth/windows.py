@@ -269,7 +269,7 @@ def box(values: NDArray[Any], window: int) -> NDArray[Any]:
 
 
 def gradient(picture: Array, lit: Flags, steps: tuple[float, float]) -> tuple[Array, Array, Flags]:
-    """Slopes of a picture's quintic spline [per pitch] along u and v, and where two neighbours on each side are lit."""
+    """Slopes of a picture's quintic spline [per pitch] along u and v, and where the neighbour on each side is lit."""
     from scipy import ndimage
 
     filled = picture.astype(np.float32)[None]
@@ -282,6 +282,4 @@ def gradient(picture: Array, lit: Flags, steps: tuple[float, float]) -> tuple[Ar
         padded, size = np.pad(spline, reach, mode="reflect"), spline.shape[axis]
         a, b, c, d = (np.take(padded, np.arange(k, k + size), axis) for k in (0, 1, 3, 4))
         slopes.append((d - a + 10 * (c - b)) / (24 * step))
-    cross = np.zeros((5, 5), bool)
-    cross[2], cross[:, 2] = True, True
-    return slopes[0], slopes[1], ndimage.binary_erosion(lit, cross, border_value=1)
+    return slopes[0], slopes[1], ndimage.binary_erosion(lit, border_value=1)

@@ -22,6 +22,7 @@ from ..shapes.discs import shapes
 from ..shapes.openings import Openings
 from ..theory.colours import BRIGHTEST, filters, mosaic, per_watt
 from ..theory.exit_pupil import microlens_image_diameter
+from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import chief_slope
 from ..theory.stop_images import stop_openings
 from ..theory.transfer import MicrolensTransfer, pair_transfer, pixel_box
@@ -31,6 +32,13 @@ from .transfer import MOST_HALO, fineness
 FRAME = MOST_HALO
 """Pixels around the sensor that convolutions may ask for."""
 
+_NODES, _SHARES = np.polynomial.legendre.leggauss(3)
+ACROSS = tuple(
+    (math.sqrt(3) * float(u), math.sqrt(3) * float(v), float(a * b) / 4)
+    for v, b in zip(_NODES, _SHARES, strict=True)
+    for u, a in zip(_NODES, _SHARES, strict=True)
+)
+"""Places on a microlens, over their root mean square along each axis, and shares of its light that stand for all."""
 MOST_ORDERS = 200
 """Harmonics along an axis beyond which there are too many to add up."""
 MOST_ROWS = 3000
@@ -70,11 +78,16 @@ class WhiteGeometry:
     """Whether light on top of a neighbour's is left out: no pixel gets more than a whole image gives."""
     exact: ExactOpenings | None = None
     """Shapes by Snell's law; None leaves them where first order has them."""
+    across: float = 0.0
+    """Root mean square of places over a microlens, along each axis, that see stops cut otherwise than its middle does
+    [mm]; 0 leaves cuts where the middle sees them."""
 
     @classmethod
     def of(cls, camera: Camera, plan: Plan) -> WhiteGeometry:
         """Geometry of a planned camera."""
-        return cls(camera, ImageLattice.of(camera), plan.on("cos4"), not plan.on("overlap"))
+        whole = plan.on("finite_microlens_aperture")
+        across = float(camera.d) * math.sqrt(LENS_SHAPES[camera.lens_shape].variance) if whole else 0.0
+        return cls(camera, ImageLattice.of(camera), plan.on("cos4"), not plan.on("overlap"), across=across)
 
     def by_snell(self, error: float, wavelength: float) -> WhiteGeometry | None:
         """Geometry with shapes where exact rays through elements put them.
@@ -124,23 +137,38 @@ class WhiteGeometry:
         """
         x, y = pixel_centres(self.camera, region, fine)
         pixel = float(self.camera.q) / fine
-        axes, openings = self._openings(x[0] - pixel / 2, x[-1] + pixel / 2, y[0] - pixel / 2, y[-1] + pixel / 2)
+        ends = x[0] - pixel / 2, x[-1] + pixel / 2, y[0] - pixel / 2, y[-1] + pixel / 2
+        axes, openings = self._openings(*ends, (0.0, 0.0))
         width, height = self.camera.pixels
         # Pixels are counted on the whole sensor and a frame around it: a value does not depend on the region.
         first_row, first_column = (region.row + FRAME) * fine, (region.column + FRAME) * fine
-        cover = openings.coverage(
-            axes,
-            pixel=pixel,
-            size=((width + 2 * FRAME) * fine, (height + 2 * FRAME) * fine),
-            window=(slice(first_row, first_row + y.size), slice(first_column, first_column + x.size)),
-            parallel=True,
-        )
-        return np.asarray(cover, np.float64)
+        places = ACROSS if self.across and openings.total > 1 else ACROSS[:1]
+        total = np.zeros((y.size, x.size))
+        for along, down, share in places:
+            at = self.across * along, self.across * down
+            some = openings if len(places) == 1 else self._openings(*ends, at)[1]
+            total += (share if len(places) > 1 else 1.0) * np.asarray(
+                some.coverage(
+                    axes,
+                    pixel=pixel,
+                    size=((width + 2 * FRAME) * fine, (height + 2 * FRAME) * fine),
+                    window=(slice(first_row, first_row + y.size), slice(first_column, first_column + x.size)),
+                    parallel=True,
+                )
+            )
+        return total
 
-    def _openings(self, left: float, right: float, low: float, high: float) -> tuple[Floats, Openings]:
-        """Microlens axes in the sensor's frame (n, 2), openings that cut relative to them [mm]."""
+    def _openings(
+        self, left: float, right: float, low: float, high: float, at: tuple[float, float]
+    ) -> tuple[Floats, Openings]:
+        """Microlens axes in the sensor's frame (n, 2), openings that cut relative to them as seen beside them [mm]."""
         axis = self.lattice.microlens(self.lattice.indices(left, right, low, high))
-        openings = stop_openings(self.camera, *axis.T) if self.exact is None else self.exact.at(*axis.T)
+        openings, *moved = (
+            stop_openings(self.camera, *place.T) if self.exact is None else self.exact.at(*place.T)
+            for place in ((axis, axis + np.array(at)) if any(at) else (axis,))
+        )
+        for one in moved:  # all of a microlens shows the FAP in one place, and other stops where each part sees them
+            openings = one.moved(openings.centres[..., 0, :] - one.centres[..., 0, :])
         cuts = np.any(openings.rooms < 0, axis=0, keepdims=True)[0]
         cuts[0] = True
         place = axis - np.array(self.camera.decentre("sensor"))

@@ -169,6 +169,16 @@ def test_a_half_dark_field_is_measured_where_light_is():
     assert holds(np.stack([((m.disparity - 1.0) / m.sigma)[6:-6, 3:20] for m in maps]))
 
 
+def test_windows_beside_the_dark_do_without_its_neighbours_alone():
+    texture, (pupil, inside) = Texture.of(5, 0.2), disc(9)
+    light = np.where(np.arange(SIZE[1]) < 24, 1.0, 0.0) * lit(inside)
+    maps = estimates(sharp(texture, 0.4, pupil, inside, SIZE), light, pupil, 2000, 4)
+    # All of the window but two columns has neighbours on both sides: sqrt(5/3) is lost, and something by the place.
+    beside, far = (np.median([m.sigma[6:-6, at] for m in maps]) for at in (21, slice(8, 18)))
+    assert beside < 1.8 * far
+    assert holds(np.stack([((m.disparity - 0.4) / m.sigma)[6:-6, 19:24] for m in maps]))
+
+
 def test_light_that_falls_off_is_weighed():
     texture, (pupil, inside) = Texture.of(1, 0.2), disc(9)
     light = np.linspace(1, 0.06, SIZE[1]) * lit(inside)

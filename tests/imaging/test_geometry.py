@@ -101,6 +101,23 @@ def test_rays_find_the_same_areas(design):
     assert abs(rays.mean() - exact.mean()) < 2e-4
 
 
+def test_a_cut_is_as_soft_as_all_of_a_microlens_sees_it():
+    """Every point of a microlens sees the lens's rim elsewhere before the FAP: that, too, a uniform scene shows."""
+    design = PAPER.replace({"main_lens.diameter": 14.0, "microlens_array.pitch": 0.5})
+    region = Region(3300, 1500, 200, 60)
+    white = {}
+    for whole in ("+", "-"):
+        lines = plan(design, overrides=[*RAYS_ONLY, "+vignetting", f"{whole}finite_microlens_aperture"])
+        white[whole] = WhiteGeometry.of(planned_camera(design, lines), lines).image(region)
+    even = Scene(objects=(Plane(distance=design.d_f, texture=Uniform()),))
+    lines = plan(design, even, overrides=[*RAYS_ONLY, "+vignetting", "+finite_microlens_aperture"])
+    rays, _ = Tracer.of(design, lines, even).image(region, RaySampling(256, 256, 0.0, 3))
+    off = {whole: np.sqrt(((image - rays) ** 2).mean()) for whole, image in white.items()}
+    assert off["-"] > 0.005
+    assert off["+"] < 0.25 * off["-"]
+    assert abs(white["+"].mean() - rays.mean()) < 1e-4
+
+
 def test_an_array_beside_the_axis_is_cut_as_rays_say():
     """Array and sensor 8 mm aside look past the field that the lens leaves whole: the plan knows, pixels show it."""
     aside = PAPER.replace({"microlens_array.decentre": (8.0, 0.0), "sensor.decentre": (8.0, 0.0)})
