@@ -267,18 +267,20 @@ class _FreedWaves(NamedTuple):
         turns = np.exp(2j * math.pi * (waves @ PACKINGS[self.images.camera.layout].steps @ self.mixing.step.T))
         for raw, where in self._raw(waves, disparities):
             raw, to_middle = np.ascontiguousarray(raw), np.exp(2j * math.pi * np.tensordot(waves, where, 1))
-            mean = np.ones((len(waves), 1, raw.shape[1]))
-            for _ in range(AMPLITUDES if self.shared else 1):
-                values = (mean / to_middle).swapaxes(1, 2).copy() if self.shared else raw * self.gain.T
-                sure = np.ones_like(self.sure.T) if self.shared else self.sure.T.copy()
-                with THREADS:
-                    _free_waves.compiled(
-                        raw, self.gain.T.copy(), sure, self.mixing.first, self.mixing.source, turns,
-                        np.ascontiguousarray(self.mixing.share.T), 1 if self.shared else ROUNDS, values,
-                    )  # fmt: skip
-                shown = values.swapaxes(1, 2) * to_middle
-                size = np.abs(shown)
-                mean = np.sqrt((size**2).sum(1, keepdims=True) / np.maximum((size > 0).sum(1, keepdims=True), 1))
+            own = raw * self.gain.T
+            values = (1 / to_middle).swapaxes(1, 2).copy() if self.shared else own.copy()
+            sure = np.ones_like(self.sure.T) if self.shared else self.sure.T.copy()
+            with THREADS:
+                _free_waves.compiled(
+                    raw, self.gain.T.copy(), sure, self.mixing.first, self.mixing.source, turns,
+                    np.ascontiguousarray(self.mixing.share.T), 1 if self.shared else ROUNDS, values,
+                )  # fmt: skip
+            shown = values.swapaxes(1, 2) * to_middle
+            if self.shared:  # neighbours send as much of a wave as the picture shows
+                alone = own.swapaxes(1, 2) * to_middle
+                sent = alone - shown
+                for _ in range(AMPLITUDES - 1):
+                    shown = alone - _strength(shown) * sent
             yield shown
 
 
@@ -321,8 +323,7 @@ class _Waves(NamedTuple):
 
         `shown` has the shape (W, view, node), `off` (2, view, node).
         """
-        size = np.abs(shown)
-        mean = np.sqrt((size**2).sum(1, keepdims=True) / np.maximum((size > 0).sum(1, keepdims=True), 1))
+        size, mean = np.abs(shown), _strength(shown)
         gain = np.clip(mean / np.maximum(size, 1e-9), 1 / MOST_GAIN, MOST_GAIN)
         shows = np.clip((size / np.maximum(mean, 1e-9) - FAINT_WAVE[0]) / (FAINT_WAVE[1] - FAINT_WAVE[0]), 0, 1)
         passed = self.passed[:, None, None] * (mean > DARK_WAVE) * shows
@@ -332,6 +333,12 @@ class _Waves(NamedTuple):
         x, y = self.on_grid.T
         grid[..., y, x], grid[..., -y, -x] = factor, factor.conj()
         return np.asarray(np.fft.fftshift(np.fft.ifft2(grid).real, (-2, -1)), np.float32)
+
+
+def _strength(shown: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Rms of waves, shape (W, view, node), over the views that show them."""
+    size = np.abs(shown)
+    return np.asarray(np.sqrt((size**2).sum(1, keepdims=True) / np.maximum((size > 0).sum(1, keepdims=True), 1)))
 
 
 def _filtered(

@@ -215,8 +215,12 @@ class TracedViews:
         """How far to the side views from points on the FAP see, as `TracedLens` has it."""
         coefficients = self._polynomials(places)[0][1]
         inside = pupil * np.minimum(1, 0.5 / np.maximum(np.hypot(*pupil), 0.5))
-        nodes = zip(coefficients, np.moveaxis(inside, 1, 0), strict=True)
-        return np.stack([np.tensordot(part, _over_pupil(at), (0, 0)) for part, at in nodes], 1)
+        out = np.empty_like(inside)
+        for n, (part, at) in enumerate(zip(coefficients, np.moveaxis(inside, 1, 0), strict=True)):
+            lit = at.any(0)  # where no light comes from the middle stands for it
+            out[:, n] = (part.T @ _over_pupil(np.zeros(2))).reshape(2, *(1,) * lit.ndim)
+            out[:, n, lit] = part.T @ _over_pupil(at[:, lit])
+        return out
 
     def shown(
         self, field: LightField, places: Array, waves: Array, disparities: Array

@@ -526,8 +526,13 @@ def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField, re
         image_parts(_cut(camera, places[part], real), s, t, reading(field), image[part])
         for part in np.split(some, range(block, some.size, block))
     ]
-    light, x, y = (np.concatenate([getattr(part, name) for part in pieces], 1)[:, back] for name in ("light", "x", "y"))
-    return ImageParts(pieces[0].steps, light, x, y)
+    steps = pieces[0].steps
+    # Of many places, microlenses that none has light of would be most of what is to be held.
+    lit = np.any([part.light.any((1, 2, 3)) for part in pieces], 0) | (len(places) == 1)
+    light, x, y = (
+        np.concatenate([getattr(part, name)[lit] for part in pieces], 1)[:, back] for name in ("light", "x", "y")
+    )
+    return ImageParts(tuple(step for step, some in zip(steps, lit, strict=True) if some), light, x, y)
 
 
 def reading(field: LightField) -> Read:
@@ -603,8 +608,7 @@ class Mixing(NamedTuple):
         """
         from scipy.spatial import cKDTree
 
-        light, *pupil = (axis[..., usable] for axis in (np.abs(parts.light), parts.x, parts.y))
-        x, y = ((axis * light).mean(1) / np.maximum(light.mean(1), 1e-12) for axis in pupil)
+        pupil = [axis[..., usable] for axis in (parts.x, parts.y)]
         shares = shares[..., usable]
         most = np.abs(shares).max(1)
         taken = (most > FAINT) & ((most <= STRONG) == faint if faint is not None else True)
@@ -612,29 +616,35 @@ class Mixing(NamedTuple):
         sample, step = np.nonzero(taken.T)
         steps, count = np.array(parts.steps, np.int64).reshape(-1, 2)[step], np.arange(taken.shape[1] + 1)
         if beside is None:
-            places = np.stack([x, y], -1)
+            light = np.abs(parts.light[..., usable])
+            places = np.stack([(axis * light).mean(1) / np.maximum(light.mean(1), 1e-12) for axis in pupil], -1)
             known = np.flatnonzero((shares[own] > sure).any(0))
             source = known[cKDTree(places[own][known]).query(places[step, sample])[1]] if known.size else 0 * sample
             share = np.ascontiguousarray(shares[step, :, sample], np.float32)
             return cls(np.searchsorted(sample, count), np.asarray(source, np.int64), steps, share)
-        beside, keys, each = np.broadcast_to(beside[..., usable], (2, *shares.shape)), [], []
+        beside, keys, nodes, each = np.broadcast_to(beside[..., usable], (2, *shares.shape)), [], [], []
         for node in range(shares.shape[1]):
+            some = np.flatnonzero(np.abs(shares[step, node, sample]) > FAINT)
+            to, by = sample[some], step[some]
             places = np.stack([axis[:, node] for axis in pupil], -1)
             lit = np.flatnonzero((shares[own, node] > sure) | (shares[own, node].max() <= sure))
-            source = lit[cKDTree(places[own, lit]).query(places[step, sample])[1]]
-            off = (beside[:, own, node, source] - beside[:, step, node, sample]).T
-            at = steps + np.where(np.abs(off) > NEAR, off, 0.0)
+            source = lit[cKDTree(places[own, lit]).query(places[by, to])[1]]
+            off = (beside[:, own, node, source] - beside[:, by, node, to]).T
+            at = steps[some] + np.where(np.abs(off) > NEAR, off, 0.0)
             low = np.floor(at).astype(np.int64)
             for corner in np.ndindex(2, 2):
-                part = np.prod(np.where(corner, at - low, 1 - at + low), -1) * shares[step, node, sample]
-                some = np.abs(part) > FAINT
-                key = np.column_stack([sample, source, low + corner, np.full(sample.size, node)])
-                keys.append(key[some])
-                each.append(part[some])
+                part = np.prod(np.where(corner, at - low, 1 - at + low), -1) * shares[by, node, to]
+                strong = np.flatnonzero(np.abs(part) > FAINT)
+                keys.append(np.column_stack([to[strong], source[strong], low[strong] + corner]))
+                nodes.append(np.full(strong.size, node))
+                each.append(part[strong])
         key = np.concatenate(keys)
-        lists, back = np.unique(key[:, :4], axis=0, return_inverse=True)
+        first = key.min(0, initial=0)
+        size = key.max(0, initial=0) - first + 1
+        numbers, back = np.unique(np.ravel_multi_index(tuple((key - first).T), size), return_inverse=True)
+        lists = np.stack(np.unravel_index(numbers, size), -1) + first
         share = np.zeros((len(lists), shares.shape[1]), np.float32)
-        np.add.at(share, (back.ravel(), key[:, 4]), np.concatenate(each))
+        np.add.at(share, (back, np.concatenate(nodes)), np.concatenate(each))
         source, steps = np.ascontiguousarray(lists[:, 1]), np.ascontiguousarray(lists[:, 2:])
         return cls(np.searchsorted(lists[:, 0], count), source, steps, share)
 
