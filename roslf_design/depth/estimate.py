@@ -772,14 +772,17 @@ def _bent(disparity: Array, window: int) -> Array:
 def straightened(disparity: Array, window: int, times: int = 1) -> Array:
     """Disparities of a bent surface at the middles of windows that mean it, so many `times`; as they are beside steps.
 
-    Its bend is that of two windows' width, less noisy than each one's own, and near the field's rims the nearest.
+    Its bend is that of two windows' width, less noisy than each one's own, and near the field's rims the nearest. Where
+    the field is large enough, windows that its rims crop or that hold its outermost microlenses take no part: views of
+    these look past the picture, and what they have of neighbours' light is not all known.
     """
     from scipy import ndimage
 
-    rim = window // 2 + 2
-    if min(disparity.shape) <= 2 * rim:
+    lag, most = window // 2 + 2, (min(disparity.shape) - 1) // 2
+    if most < lag:
         return disparity
-    stepped = ndimage.maximum_filter(beside_steps(disparity), 2 * rim + 1)
+    rim = min(lag + window // 2 + 1, most)
+    stepped = ndimage.maximum_filter(beside_steps(disparity), 2 * lag + 1)
     bent = np.where(stepped, 0, _bent(disparity, window))[rim:-rim, rim:-rim]
     bend = np.pad(ndimage.uniform_filter(bent, 2 * window + 1, mode="nearest"), rim, mode="edge")
     return disparity - np.where(stepped, 0, times * bend)

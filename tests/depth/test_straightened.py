@@ -26,6 +26,14 @@ def test_means_of_windows_of_a_bent_surface_are_given_back_and_steps_left():
     np.testing.assert_array_equal(straightened(step, 5), step)
 
 
+def test_windows_at_the_rims_of_a_field_bend_nothing_within():
+    """Those hold microlenses that look past the picture: a tenth of a pitch off, of a surface that is flat."""
+    flat, inside = np.full((21, 20), -0.5), np.zeros((21, 20), bool)
+    inside[3:-3, 3:-3] = True
+    told = np.where(inside, flat, flat - 0.1)
+    np.testing.assert_allclose(straightened(told, 5)[inside], flat[inside])
+
+
 def test_depths_of_a_bent_surface_are_those_at_microlenses():
     """A window of 5 of a surface with the second derivative -0.006 means it 0.006 lower than its middle."""
     (pupil, lit), window, search = disc(7), 5, (-0.8, 0.8)
