@@ -220,7 +220,7 @@ class TracedViews:
             lit = at.any(0)  # where no light comes from the middle stands for it
             out[:, n] = (part.T @ _over_pupil(np.zeros(2))).reshape(2, *(1,) * lit.ndim)
             out[:, n, lit] = part.T @ _over_pupil(at[:, lit])
-        return out
+        return np.asarray(out)
 
     def shown(
         self, field: LightField, places: Array, waves: Array, disparities: Array
