@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import time
 import zlib
 from collections import Counter
@@ -17,6 +18,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as `roslf` has it: threads that wait count as work
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 import numpy as np
 from numpy.typing import NDArray
