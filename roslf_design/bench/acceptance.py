@@ -29,7 +29,7 @@ from ..camera import Camera
 from ..depth.from_files import CaptureOptions, captured
 from ..design import PATHS, Design
 from ..errors import InputError, refusal
-from ..evaluation.specification import Specification, resolved, specification
+from ..evaluation.specification import ASKED, Specification, resolved, specification
 from ..json_data import plain
 from ..progress import CountedProgress, silent
 from ..theory.chief_rays import chief_rays
@@ -382,7 +382,7 @@ def _limits(m: _Measuring, responses: Sequence[EdgeResponse], kind: Kind, words:
 
 
 def _resolved(axis: tuple[float, float], ahead: float, kind: Kind, level: float, builds: Camera) -> Array:
-    rows = [resolved(IdealImages(builds.build(k), [axis]), 0, ahead, kind) for k in range(builds.shape[0])]
+    rows = [resolved(IdealImages(builds.build(k), [axis]), 0, (ASKED, ahead), kind) for k in range(builds.shape[0])]
     return np.array([(r.mtf50_lp_per_mm if level == 0.5 else r.mtf10_lp_per_mm) or math.nan for r in rows])
 
 

@@ -153,7 +153,7 @@ class FirstAnswer:
                     camera, None if plane == FOCUS else distance, build=build, calibration=calibration
                 )  # fmt: skip
                 u, expanded, mostly = float(own.u_z_mm), float(own.expanded_mm), own.largest.name
-                detail = resolved(images, 0, distance, "refocused")
+                detail = resolved(images, 0, (plane, distance), "refocused")
                 lines, limit = detail.usable_lp_per_mm, detail.limited_by
             planes.append(
                 _AtDistance(distance, plane, field.width_mm, field.height_mm, u, expanded, mostly, lines, limit)

@@ -103,6 +103,8 @@ class Resolved:
     """Detail that an image shows, by its contrast; the coarser of both directions. None where dark or folded."""
 
     at_mm: float
+    plane: str
+    """Which plane it is, as "focal plane"."""
     x0_mm: float | None
     """From the axis to the place on the object; None where the lens shows none."""
     x_ml_mm: Place
@@ -353,8 +355,9 @@ def planes(camera: Camera, asked: Sequence[float] = (), within: WorkingRange | N
     return (first, (FOCUS, focus), last, *((ASKED, at) for at in asked))
 
 
-def resolved(images: IdealImages | DesignImages, field: int, at: float, image: Kind) -> Resolved:
+def resolved(images: IdealImages | DesignImages, field: int, station: Station, image: Kind) -> Resolved:
     """Detail that one field shows of a plane ahead of the tip."""
+    plane, at = station
     transfer = images.transfer(field, at)
     tangential, sagittal = transfer.limits_each_way(LEVELS, image)
     half, tenth = (None if math.isnan(a) else min(a, b) for a, b in zip(tangential, sagittal, strict=True))
@@ -364,7 +367,7 @@ def resolved(images: IdealImages | DesignImages, field: int, at: float, image: K
     fold = min(map(transfer.fold, WAYS))
     usable = None if half is None else min(half, fold)
     limit: Literal["contrast", "sampling"] = "contrast" if usable == half else "sampling"
-    return Resolved(at, _known(float(x0)), place, image, half, tenth, each[0], each[1], fold, usable, limit)
+    return Resolved(at, plane, _known(float(x0)), place, image, half, tenth, each[0], each[1], fold, usable, limit)
 
 
 def specification(
@@ -413,10 +416,10 @@ def specification(
     sharp = _SharpEnds.of(camera)
     focused, rows = FocusedArray.of(camera), list[Resolved]()
     if focused is None:
-        rows += [resolved(images, k, at, "refocused") for at in distances for k in range(len(images.fields))]
-        rows += [resolved(images, 0, at, "view") for at in distances]
+        rows += [resolved(images, k, one, "refocused") for one in stations for k in range(len(images.fields))]
+        rows += [resolved(images, 0, one, "view") for one in stations]
     if focused is None and design.main_lens.kind.faults:  # views, too, are less sharp off the axis
-        rows += [resolved(images, k, distances[1], "view") for k in range(1, len(images.fields))]
+        rows += [resolved(images, k, stations[1], "view") for k in range(1, len(images.fields))]
     points = shown.points
     farthest = corner(points)
     value = {name: float(QUANTITIES[name](camera)) for name in _NAMES}

@@ -67,9 +67,9 @@ def test_a_sheet_tells_each_line_with_its_tolerance(tmp_path, capsys, monkeypatc
     share, paper = views["two_sigma"] / views["value"], roslf.load("paper")
     ends = [roslf.specification(paper.replace(D_F=paper.D_F * (1 + step))) for step in (-0.01, 0.01)]
     for row, name in (
-        (0, "refocused, 199.4 mm ahead, axis"),
-        (5, "refocused, 230 mm ahead, 33.58 mm off axis"),
-        (9, "a view, 199.4 mm ahead, axis"),
+        (0, "refocused, 199.4 mm ahead (near end), axis"),
+        (5, "refocused, 230 mm ahead (focal plane), 33.58 mm off axis"),
+        (9, "a view, 199.4 mm ahead (near end), axis"),
     ):
         low, high = (sheet.resolution[row].usable_lp_per_mm for sheet in ends)
         assert lines[name]["two_sigma"] == pytest.approx(abs(high - low) / 0.02 * share, rel=0.25), name
@@ -78,6 +78,23 @@ def test_a_sheet_tells_each_line_with_its_tolerance(tmp_path, capsys, monkeypatc
         rows = list(csv.DictReader(file))
     assert [row["name"] for row in rows] == [line["name"] for line in told["lines"]]
     assert float(rows[0]["value"]) == told["specification"]["field_of_view_deg"][0]["diagonal"]
+
+
+def test_a_distance_asked_for_stays_where_it_is_in_every_build(tmp_path, capsys, monkeypatch):
+    """In the focal plane's place, too, whose own rows say what its moving from build to build adds."""
+    monkeypatch.setattr(datasheet, "FEW", 8)
+    study = STUDY + '[[perturb]]\nplace = "microlens_array.distance"\ntolerance = "0.5 mm"\n'
+    (tmp_path / "study.toml").write_text(study)
+    asked = ("--at", "230mm", "--at", "230.1mm", "-o", tmp_path / "a.json")
+    assert run(capsys, "datasheet", tmp_path / "study.toml", *asked)[0] == 0
+    lines = [line for line in json.loads((tmp_path / "a.json").read_text())["lines"] if line["two_sigma"] is not None]
+    spread = {line["name"]: line["two_sigma"] for line in lines}
+    assert len(spread) == len(lines)  # no name stands twice
+    for name in ("width at {}", "magnification at {}", "object sample at {}", "refocused, {}, axis", "a view, {}, axis"):
+        ahead = "{} mm ahead ({})" if "axis" in name else "{} mm ({})"
+        here, beside = (spread[name.format(ahead.format(at, "asked for"))] for at in (230, 230.1))
+        assert here == pytest.approx(beside, rel=0.01), name
+        assert spread[name.format(ahead.format(230, "focal plane"))] > 2 * here, name
 
 
 def test_what_is_required_says_how_many_builds_meet_it(tmp_path, capsys, monkeypatch):

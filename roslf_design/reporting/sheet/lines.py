@@ -19,6 +19,7 @@ from ...evaluation.required import Requirement, requirements
 from ...evaluation.result import MARKS, depth_basis, focused_table
 from ...evaluation.specification import (
     CRITERION,
+    FOCUS,
     LEVELS,
     WAYS,
     Colour,
@@ -286,7 +287,7 @@ def _lines(
     yield from _depth_lines(sheet, traced)
     for field in sheet.object_field:
         at = f"at {number(field.at_mm, 4)} mm ({field.plane})"
-        focal = field.at_mm == sheet.working_distance_mm
+        focal = field.plane == FOCUS
         plane = None if focal else field.at_mm
         up = f"height {number(field.height_mm, 4)} mm"
         across = partial(_at_distance, QUANTITIES["field_half_width_mm"], plane, 2.0)
@@ -297,14 +298,14 @@ def _lines(
             own, of = (quantity.name, None) if focal else ("", there)
             yield _SheetLine("Object field", name, value, quantity.unit, line.remark_on(camera), own, of=of)
     for row in sheet.resolution:
-        focal = row.at_mm == sheet.working_distance_mm
+        focal = row.plane == FOCUS
         centre = row.x_ml_mm == sheet.field[0].x_ml_mm
         if not (centre or focal):
             continue
         what = "refocused" if row.image == "refocused" else "a view"
         away = "beyond the lens's sight" if row.x0_mm is None else f"{number(row.x0_mm, 4)} mm off axis"
         aside = "axis" if centre else away
-        at = f"{what}, {number(row.at_mm, 4)} mm ahead, {aside}"
+        at = f"{what}, {number(row.at_mm, 4)} mm ahead ({row.plane}), {aside}"
         dark = "" if row.usable_lp_per_mm is not None else "dark or folded" if traced else "dark"
         axial = focal and centre and row.image == "refocused"
         of = None if axial or dark or traced else partial(_resolution, row, focal)
@@ -431,7 +432,7 @@ def _depth_lines(sheet: Specification, traced: bool) -> Iterator[_SheetLine]:
     spreads = sheet.depth_precision.spreads
     names = (*("axis" for _ in spreads[2:]), "edge of the field", "corner of the field")
     for spread, name in zip(spreads, names, strict=True):
-        focal, axial = spread.plane == "focal plane", name == "axis"
+        focal, axial = spread.plane == FOCUS, name == "axis"
         of = None
         if not axial:
             of = None if traced else partial(_at_field, QUANTITIES["sigma_z_at_field_mm"], spread.x_ml_mm)
@@ -607,14 +608,15 @@ def datasheet_section(grounds: SpreadSources) -> Section:
     columns = (("± 2σ, builds", grounds.sigma), ("± 2σ, calibrated", grounds.calibrated))
     spreads = [column for column in columns if column[1]]
     tables: dict[str, list[tuple[str, ...]]] = {}
+    where = " ± at the focal plane is wherever a camera has that; elsewhere at the distance itself." if spreads else ""
     captions = {
         "Distances": SHARP,
         EXPECTED: f"What a measured depth is to be believed to, on the axis in the focal plane: {_quoted(grounds)}."
         + (" How far lengths are off is a part of it: it has no ± of its own." if spreads else ""),
         DEPTH: "What photons and read noise alone allow, one standard deviation of one measurement, "
         f"{depth_basis(grounds.sheet.depth_precision.assumes)}: no instrument reaches it.",
-        "Object field": "Ends are those of the working range" + (", lengths as drawn." if grounds.looked else "."),
-        "Resolution": USABLE,
+        "Object field": f"Ends are those of the working range{', lengths as drawn' if grounds.looked else ''}.{where}",
+        "Resolution": USABLE + where,
     }
     for line in grounds.rows:
         if line.name == PARTS:  # too long for a cell
