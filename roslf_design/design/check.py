@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,10 @@ TINY = "1e-9 mm"
 """Width that fits into anything."""
 WIDTHS = ("diameter", "pitch", "pixel")
 """Keys of lengths across the axis, on which no image's place hangs."""
+ASIDE = ("layout", "lens_shape", "colours", "source")
+"""Keys that may be left out, on which none hangs either."""
+GLASSES = ({"index": 1.1}, {"index": 3.0})
+"""Materials in place of one that could not be read: what is wrong with both is wrong whatever it should be."""
 """Largest relative difference between a given focal length and the lens's own that counts as rounding."""
 
 
@@ -75,12 +80,9 @@ def design_problems(
         if fault["type"] == MISFIT:  # every value was read: what was found between them
             return tuple(fault["ctx"]["problems"])
     problems = [problem for problem in problems_of(error, model) if problem.key]
-    if _refracts(data) and (mended := _mended(data, problems)) is not None:
-        try:
-            model.model_validate(mended, context={"from_file": from_file, "folder": folder})
-        except ValidationError as others:
-            between = design_problems(others, mended, model, from_file=from_file, folder=folder)
-            return tuple(dict.fromkeys((*problems, *between)))
+    if (mended := [_mended(data, problems, glass) for glass in GLASSES])[0] is not None:
+        between = [_between(one, model, from_file, folder) for one in mended]
+        return tuple(dict.fromkeys((*problems, *(fault for fault in between[0] if fault in between[1]))))
 
     def readable(place: str) -> bool:
         faulty = (f"{problem.key}." for problem in problems)
@@ -110,17 +112,38 @@ def _refracts(data: Mapping[str, Any]) -> bool:
     return any(at(data, place) for place in REFRACTING)
 
 
-def _mended(data: Mapping[str, Any], problems: Sequence[Problem]) -> dict[str, Any] | None:
-    """Values with a width in place of each that could not be read; None where more than widths are wrong.
+def _between(
+    data: Mapping[str, Any] | None, model: type[BaseModel], from_file: bool, folder: str | Path | None
+) -> tuple[Problem, ...]:
+    """Faults between values, of which each can be read."""
+    try:
+        model.model_validate(data, context={"from_file": from_file, "folder": folder})
+    except ValidationError as error:
+        return tuple(chain.from_iterable(e["ctx"]["problems"] for e in error.errors() if e["type"] == MISFIT))
+    return ()
+
+
+def _mended(data: Mapping[str, Any], problems: Sequence[Problem], glass: Mapping[str, float]) -> dict[str, Any] | None:
+    """Values without those that could not be read, or with a width or a glass in their place; None where more is wrong.
 
     No width moves a plane, so what is then found between the values holds whatever it should be.
     """
     mended = copy.deepcopy(dict(data))
     for problem in problems:
         *parents, last = problem.key.split(".")
-        if not parents or "surfaces" in parents or last not in WIDTHS or at(mended, problem.key) in (None, TINY):
+        held = at(mended, ".".join(parents)) if parents else mended
+        if parents[:1] == ["required"]:
+            mended.pop("required", None)
+        elif not isinstance(held, dict) or last not in held or "surfaces" in parents:
             return None
-        at(mended, ".".join(parents))[last] = TINY
+        elif last in WIDTHS and parents:
+            held[last] = TINY
+        elif last == "material" and parents[0] == "elements":
+            held[last] = dict(glass)
+        elif last in ASIDE or "is not a known key" in problem.message:
+            del held[last]
+        else:
+            return None
     return mended
 
 

@@ -26,6 +26,19 @@ def about_shapes(design: Assembly) -> Iterator[Problem]:
             yield Problem(f"stops.{k - 1}.shape" if k else "aperture.shape", message)
 
 
+def about_array(design: Assembly) -> Iterator[Problem]:
+    """Microlenses of which array or sensor hold no whole one."""
+    pitch = design.microlens_array.pitch
+    for place, size in (("microlens_array.size", design.microlens_array.size), ("sensor.size", design.sensor_size)):
+        if pitch > min(size) * (1 + 1e-9):
+            message = (
+                f"{shown(pitch)} leaves no whole microlens on {place}, {' x '.join(map(shown, size))}; check its "
+                "unit: a hundredth of that, or less, is usual"
+            )
+            yield Problem("microlens_array.pitch", message)
+            return
+
+
 def about_stop_behind(design: Assembly) -> Iterator[Problem]:
     """Faults of a stop behind the main lens, of a design whose values fit otherwise."""
     behind = design.aperture.behind

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any
 
@@ -46,13 +47,13 @@ class Required(Part):
         return self.model_dump(mode="json", exclude_none=True, exclude={"quantity"}, context=context)
 
 
-def _one(data: Any, name: str, info: ValidationInfo) -> Required:
+def _one(data: Any, name: str, context: Any) -> Required:
     if isinstance(data, Required):
         return data
     if not isinstance(data, Mapping):
         raise InputError((Problem("", f"must be a table of limits such as {LIKE}, got {data!r}"),))
     try:
-        return Required.model_validate({**data, "quantity": name}, context=info.context)
+        return Required.model_validate({**data, "quantity": name}, context=context)
     except ValidationError as error:
         raise InputError(problems_of(error, Required)) from None
 
@@ -73,12 +74,20 @@ def _read(value: Any, info: ValidationInfo) -> tuple[Required, ...]:
     entries, problems = list[Required](), list[Problem]()
     for name, data in _named(value):
         try:
-            entries.append(_one(data, name, info))
+            entries.append(_one(data, name, info.context))
         except InputError as error:
             problems += [Problem(f"{name}.{fault.key}".rstrip("."), fault.message) for fault in error.problems]
     if problems:
         raise InputError(tuple(problems))
     return tuple(entries)
+
+
+def readable(value: Any) -> Iterator[Required]:
+    """Those entries of a file's table that can be read, of a file whose other faults are told."""
+    with contextlib.suppress(InputError):
+        for name, data in _named(value):
+            with contextlib.suppress(InputError):
+                yield _one(data, name, {"from_file": True})
 
 
 def _written(entries: tuple[Required, ...], info: SerializationInfo) -> dict[str, Any]:

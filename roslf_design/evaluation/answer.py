@@ -9,13 +9,17 @@ from functools import partial
 
 import numpy as np
 
+from ..bore.mapping import angle_map
 from ..options import check_distances
 from ..theory import tube
 from ..theory.depth_budget import COVERAGE, DepthBudget, depth_budget
 from ..theory.field_of_view import focus_ahead
 from ..theory.focused import has_views
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
+from ..theory.light import outer_slope
+from ..theory.limits import limits
 from ..theory.quantities import QUANTITIES
+from ..traced.fields import images_of
 from ..words import listed, number
 from .specification import (
     ASKED,
@@ -73,6 +77,10 @@ MEANT = (
     "finest that the refocused image shows as what it is, with half its contrast or more."
 )
 """Caption of it."""
+EVEN = 0.5
+"""Share of the middle's light from which the corner is evenly lit: one stop."""
+SHARES = np.linspace(0.0, 1.0, 101)[1:]
+"""Shares of the field whose corners' light is looked at."""
 SMALLER = 1.05
 """Share of the middle's light in the corner from which it is said where more comes from."""
 
@@ -100,7 +108,10 @@ class FirstAnswer:
     corner_light: float
     """Light at the corner of the field over that in the middle."""
     corner_slant: float
-    """Share that light's slant and the lens's mapping alone leave; the rest is the size of what is lit of images."""
+    """Share that the field's angle before the bore and the lens's mapping alone leave; the rest is the size of what is
+    lit of images."""
+    corner_evened_by: str
+    """What evens that, each with what it brings, in words; empty where it is even."""
     outer_diameter_mm: float
     """Tube that the design states, wider where parts and walls need it; else the narrowest about the optics."""
     outer_diameter_counts: str
@@ -168,6 +179,7 @@ class FirstAnswer:
             *ranges(within),
             points[farthest].relative_illumination,
             float(np.broadcast_to(images.level, (len(points), 1))[farthest, 0]),
+            _evened_by(shown, farthest),
             float(QUANTITIES["outer_diameter_mm"](camera)),
             tube.walls(camera),
             tuple(planes),
@@ -207,9 +219,44 @@ class FirstAnswer:
     def light_words(self) -> str:
         """Causes of the corner's light, each with its share."""
         area = self.corner_light / self.corner_slant if self.corner_slant > 0 else 1.0
-        shares = {"light's slant leaves": self.corner_slant, "the size of what is lit of its images leaves": area}
+        shares = {"the field's angle leaves": self.corner_slant, "the size of what is lit of its images leaves": area}
         if area > 1:
             gives = "the lens, which draws the scene smaller there, gives"
-            shares = {"light's slant leaves": self.corner_slant, gives: area}
+            shares = {"the field's angle leaves": self.corner_slant, gives: area}
         words = [f"{what} {number(100 * share, 3)} %" for what, share in shares.items() if abs(share - 1) > 0.01]
         return listed(words) if words else "nothing takes any"
+
+
+def _evened_by(shown: FieldImages, field: int) -> str:
+    """Ways to light the corner, one of the fields, as `EVEN` has it, with the figures of the cameras that have them.
+
+    The FAP limits light in the scene, and so its angle there counts: no place of the exit pupil changes that.
+    """
+    design, images, camera = shown.design, shown.images, shown.images.camera
+    lit, shape = QUANTITIES["relative_illumination"].at_fields, (len(images.fields), 1)
+    light, level = (float(np.broadcast_to(one, shape)[field, 0]) for one in (lit(images), images.level))
+    if light >= EVEN:
+        return ""
+    narrower = images_of(design, SHARES[:, np.newaxis] * images.fields[field])
+    dark = np.flatnonzero(np.ravel(lit(narrower)) < EVEN)
+    view = FieldOfView.of(images_of(design, shown.ends.fields * SHARES[max(dark[0] - 1, 0)]), None)
+    sides = {"": view.diagonal, "width_": view.width, "height_": view.height}
+    least = [
+        f"{quantity.label} of at least {number(low, 4)} deg"
+        for _, quantity, low, _ in limits(design)
+        for side, angle in sides.items()
+        if quantity.name == f"field_of_view_{side}deg" and low is not None and low > angle
+    ]
+    ways = [] if least else [f"a smaller sensor, of a field of {number(view.diagonal, 3)} deg over its diagonal"]
+    if design.lens is None and not camera.mapping.words:
+        slope = outer_slope(camera, np.hypot(*images.fields[field]))
+        barrel = float(angle_map("f theta", 1.0).light(camera.mapping.angle(slope)))
+        if barrel * light >= EVEN * level:
+            ways.append(f"an objective that draws the same field barrel-shaped (f theta leaves {100 * barrel:.3g} %)")
+    sentences = (
+        "no place of the exit pupil evens it",
+        f"the required {listed(least)} allows no smaller sensor" if least else "",
+        f"{' or '.join(ways)} would" if ways else "",
+        f"{'else' if ways else 'what is left is'} a flat-field correction of pictures, with that noise",
+    )
+    return "; ".join(filter(None, sentences))

@@ -25,7 +25,7 @@ from ..theory.photometry import accepted, response
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import FEASIBLE
 from ..words import length, listed, number, percent, place, the
-from .answer import FirstAnswer
+from .answer import EVEN, FirstAnswer
 from .fields import default_fields, field_openings
 from .groups import Field, Numbers, RealLens, Verdict
 
@@ -33,10 +33,12 @@ SLACK_PX = 0.5
 """Overlap or gap of neighbouring microlens images that still counts as matched [px]."""
 OVERLAP_SLACK, GAP_SLACK = 0.01, 0.05
 """Slacks as shares of the pitch, where that allows more: overlap mixes views, a gap only wastes pixels."""
-EVEN, DIM = 0.5, 0.2
-"""Shares of the middle's light, one stop and more than two, from which the corner is evenly lit, and not too dark."""
+NEIGHBOURS = 3.0
+"""Microlenses across, so that one has a neighbour on either side, without which nothing is matched."""
+DIM = 0.2
+"""Share of the middle's light, more than two stops less, from which the corner is not too dark."""
 CUT = 0.8
-"""Part of its images below which cuts, not slant, are what darkens the corner."""
+"""Part of its images below which cuts, not the field's angle, are what darkens the corner."""
 UNCUT, CUT_IN_IT = "microlens images uncut over the field", "microlens images cut in the field"
 """The paper's undistorted field, or not, in words that no picture's distortion is taken for."""
 TAKEN_LOSS = 0.01
@@ -177,10 +179,18 @@ def _matched(camera: Camera, f: Numbers, traced: str) -> Verdict:
         f"{f.fill_factor:.4g}, {images}"
     )
     ways = {"d_2": matched(camera, "d_2"), "D_F": matched(camera, "D_F"), "d_3": matched(camera, "d_3")}
-    lengths = [_way(camera, symbol, float(way.value)) for symbol, way in ways.items() if way.exists]
+    lengths = [(symbol, float(way.value)) for symbol, way in ways.items() if way.exists]
+    lengths = [_way(camera, symbol, value) for symbol, value in lengths if _stands(camera, symbol, value)]
     remedy = f"any one of these matches it exactly: {', '.join(lengths)}"
-    none = "no single change of d_2, D_F or d_3 matches it; change the microlens pitch or the focus"
+    none = "no single change of d_2, D_F or d_3 that fits the bore matches it; change the microlens pitch or the focus"
     return Verdict.of("f_number_matched", text, remedy if lengths else none)
+
+
+def _stands(camera: Camera, symbol: str, value: float) -> bool:
+    """Whether the FAP would go through tube and lens, or stand in no glass."""
+    if symbol == "d_3":
+        return not any(part.start < value < part.end for part in camera.in_bore)
+    return symbol == "d_2" or value <= float(tube.widest_fap(camera))
 
 
 def _way(camera: Camera, symbol: str, value: float) -> str:
@@ -239,19 +249,14 @@ def lit(answer: FirstAnswer) -> Verdict:
     text = f"{share}, {stops:.2g} stops {'less' if light < 1 else 'more'}: {answer.light_words}"
     noise = f"noise there counts {light**-0.5:.2g} times as much; " if light < 1 else ""
     cut = light < CUT * answer.corner_slant
-    ways = (
-        "free the images from what cuts them (the field's verdict says what)"
-        if cut
-        else "a smaller sensor, or light that meets the array straighter (an exit pupil farther away), evens it"
-    )
+    ways = "free the images from what cuts them (the field's verdict says what)" if cut else answer.corner_evened_by
     if light > 1:
         ways = "a smaller sensor, or a lens that keeps the pupil's size over the field, evens it"
     return Verdict(name, False, "limit" if light >= DIM else "fault", text, f"{noise}{ways}")
 
 
 def _fits(camera: Camera) -> Verdict:
-    outer, wall = (float(camera[place]) for place in (tube.OUTER, tube.WALL))
-    room = outer - 2 * wall
+    outer, wall, room = float(camera[tube.OUTER]), float(camera[tube.WALL]), float(tube.room(camera))
     within = [part for part in tube.housed(camera) if part.inside(camera)]
     wide = [part for part in within if part.width > room * (1 + FEASIBLE)]
     holds = f"{outer:.4g} mm outside and a wall of {wall:.4g} mm leave {room:.4g} mm"
@@ -266,7 +271,10 @@ def _fits(camera: Camera) -> Verdict:
 
 
 def _field_remedy(camera: Camera, field: Numbers) -> str:
-    grow = 2 * abs(field.room_at_corner_mm)
+    grow, others = 2 * abs(field.room_at_corner_mm), "a smaller FAP or a smaller sensor"
+    limiting = field.limited_by.partition(",")[0]  # of either face of an element
+    if any(part.name == limiting and part.width + grow > tube.room(camera) for part in tube.housed(camera)):
+        return f"the tube leaves no room to widen {the(field.limited_by)}: {others}, or a wider tube, frees the field"
     if field.limited_by == "main lens":
         return (
             f"a main lens of {_rounded_up(float(camera.D) + grow)} mm clear aperture frees the whole field; "
@@ -275,7 +283,7 @@ def _field_remedy(camera: Camera, field: Numbers) -> str:
     if field.limited_by.endswith("mapping"):
         largest = math.degrees(camera.mapping.widest)
         return f"the objective images no farther than {largest:.4g} degrees in air; use a smaller sensor or FAP"
-    return f"widen {the(field.limited_by)} by {_rounded_up(grow)} mm, or use a smaller FAP or a smaller sensor"
+    return f"widen {the(field.limited_by)} by {_rounded_up(grow)} mm, or use {others}"
 
 
 def _rounded_up(length: float) -> str:
@@ -288,6 +296,11 @@ def _resolved(camera: Camera, sampling: Numbers) -> Verdict:
     """By pixels; behind a Bayer pattern by green ones, which lie farther apart."""
     views, independent = float(filtered_views(camera)), sampling.views_independent
     kind = PIXEL_FILTERS[camera.colours].pixels
+    across = 2 * float(min(sensor_field(camera).half)) / float(camera.d)
+    if across < NEIGHBOURS:
+        text = f"no light-field camera: the sensor sees {across:.2g} microlenses across its shorter side"
+        usual = "a hundredth of the sensor, or less, is usual"
+        return Verdict.of("views_resolved", text, f"check microlens_array.pitch, {length(float(camera.d))}: {usual}")
     if views < LEAST_VIEWS:
         pixel = 1e3 * float(camera.q)
         return Verdict.of(

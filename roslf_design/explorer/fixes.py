@@ -17,6 +17,7 @@ from ..theory.exit_pupil import is_telecentric
 from ..theory.f_number import fill_factor, matched
 from ..theory.light import geometric_views, microlens_defocus_blur
 from ..theory.quantities import QUANTITIES
+from ..theory.tube import widest_fap
 from ..theory.vignetting import corner_room, field_limit, undistorted_radii
 from ..words import to_html
 
@@ -102,11 +103,12 @@ def proposals(design: Design) -> tuple[Fix, ...]:
         those that cannot, or have nothing to do, say why.
     """
     camera, now = Camera.of(design.thin_twin), _Facts.of(design)
+    focus = "d_3 = f" if camera.chain.in_air else "FAP seen through the bore at f"
     every = (
         *((f"match-{symbol}", f"Match f-number by {symbol}", symbol, way) for symbol, way in _matching(camera, now)),
         ("undistort-d_3", "Free the whole sensor by d_3", "d_3", _undistorting(camera)),
         ("widest-field-d_3", "Largest undistorted field by d_3", "d_3", _widest(camera)),
-        ("telecentric", "Go telecentric (d_3 = f)", "d_3", _telecentric(camera)),
+        ("telecentric", f"Go telecentric ({focus})", "d_3", _telecentric(camera)),
     )
     return tuple(_with_consequences(design, now, *proposal) for proposal in every)
 
@@ -237,6 +239,9 @@ def _with_consequences(design: Design, now: _Facts, key: str, label: str, symbol
     if isinstance(change, str):
         return Fix(key, label, why_not=change)
     changes = {symbol: change}
+    if symbol == "D_F" and change > (widest := float(widest_fap(Camera.of(design.thin_twin)))):
+        why_not = f"D_F = {short(change, 5)} mm does not fit the {short(widest, 4)} mm of lens and tube"
+        return Fix(key, label, why_not=why_not)
     try:
         changed = design.replace(**changes)
         focal_length = _in_focus(design, changed)

@@ -473,10 +473,10 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
 def _falls(evaluation: Evaluation) -> tuple[str, str]:
     """Causes of poorer depth at the field's corner, the largest first, and what helps against that one."""
     kept, slant = evaluation.fields[-1].kept_fraction, evaluation.answer.corner_slant
-    slanted = f"light falls with its slant ({100 * slant:.3g} % left)"
+    slanted = f"light falls with the field's angle ({100 * slant:.3g} % left)"
     causes = sorted((
         (kept, "stops cut images", "a wider lens or stops, a smaller pupil, or another d_3"),
-        (slant, slanted, "a smaller sensor, or an exit pupil farther away, so that light meets the array straighter"),
+        (slant, slanted, "a smaller sensor, as moving the exit pupil does not even it"),
     ))  # fmt: skip
     # Of two the smaller is told where it takes a quarter of what the larger does.
     told = [words for left, words, _ in causes if 1 - left > max(0.25 * (1 - causes[0][0]), 0.01)]

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
+from pathlib import Path
 
 from ..design import Design, load
 from ..design.check import DesignError
-from ..design.required import Required
+from ..design.required import Required, readable
 from ..errors import Problem
+from ..toml_files import read_toml
 from .quantities import quantity_named
 from .quantity import Quantity
 
@@ -16,9 +19,16 @@ _Limits = tuple[Required, Quantity, float | None, float | None]
 
 
 def as_design(design: Design | str | os.PathLike[str], origin: str = "") -> Design:
-    """Design given, or the one of a path or a preset's name; errors as of `load` and `limits`, which checks it."""
+    """Design given, or the one of a path or a preset's name; all errors of `load`, and of `limits`, which checks it."""
     if not isinstance(design, Design):
-        origin, design = os.fspath(design), load(design)
+        origin = os.fspath(design)
+        try:
+            design = load(design)
+        except DesignError as error:
+            if not any(problem.key for problem in error.problems):  # no file that can be read
+                raise
+            _, asked = _read(readable(read_toml(Path(origin), origin).get("required")))
+            raise DesignError(tuple(dict.fromkeys((*error.problems, *asked))), error.origin) from None
     limits(design, origin)
     return design
 
@@ -31,9 +41,17 @@ def limits(design: Design, origin: str = "") -> list[_Limits]:
     DesignError
         A quantity that is none, or limits that cannot be: all at once; `origin` is what it calls the design.
     """
+    read, problems = _read(design.required)
+    if problems:
+        raise DesignError(tuple(dict.fromkeys(problems)), origin)
+    return read
+
+
+def _read(required: Iterable[Required]) -> tuple[list[_Limits], list[Problem]]:
+    """Limits that can be read, and the faults of others."""
     read: list[_Limits] = []
     problems = []
-    for asked in design.required:
+    for asked in required:
         key = f"required.{asked.quantity}"
         try:
             quantity = quantity_named(asked.quantity)
@@ -50,9 +68,7 @@ def limits(design: Design, origin: str = "") -> list[_Limits]:
         if fault := _fault(asked, quantity, ends["min"], ends["max"]):
             problems.append(Problem(key, fault))
         read.append((asked, quantity, ends["min"], ends["max"]))
-    if problems:
-        raise DesignError(tuple(dict.fromkeys(problems)), origin)
-    return read
+    return read, problems
 
 
 def _fault(asked: Required, quantity: Quantity, low: float | None, high: float | None) -> str:

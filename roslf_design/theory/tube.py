@@ -62,6 +62,16 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
     return tuple(parts)
 
 
+def room(c: Camera) -> Array:
+    """Width that the tube leaves its parts [mm]; infinite where no design states one."""
+    return np.asarray(c.numbers[OUTER] - 2 * c.numbers[WALL] if OUTER in c.numbers else np.inf)
+
+
+def widest_fap(c: Camera) -> Array:
+    """Diameter up to which a FAP fits the tube, and the main lens lets all of its light through [mm]."""
+    return np.minimum(room(c), c.D)
+
+
 def walls(c: Camera) -> str:
     """Walls that the outer diameter counts, in words, and the tube as the design states it."""
     if OUTER not in c.numbers:

@@ -90,7 +90,13 @@ def test_a_distance_asked_for_stays_where_it_is_in_every_build(tmp_path, capsys,
     lines = [line for line in json.loads((tmp_path / "a.json").read_text())["lines"] if line["two_sigma"] is not None]
     spread = {line["name"]: line["two_sigma"] for line in lines}
     assert len(spread) == len(lines)  # no name stands twice
-    for name in ("width at {}", "magnification at {}", "object sample at {}", "refocused, {}, axis", "a view, {}, axis"):
+    for name in (
+        "width at {}",
+        "magnification at {}",
+        "object sample at {}",
+        "refocused, {}, axis",
+        "a view, {}, axis",
+    ):
         ahead = "{} mm ahead ({})" if "axis" in name else "{} mm ({})"
         here, beside = (spread[name.format(ahead.format(at, "asked for"))] for at in (230, 230.1))
         assert here == pytest.approx(beside, rel=0.01), name

@@ -49,7 +49,7 @@ def test_a_working_range_ends_where_depth_is_of_little_use():
 
 
 def test_a_darker_corner_is_told_with_its_stops():
-    """Cos^4 of the slant alone: the array's corner from an exit pupil so near, nothing cut."""
+    """Cos^4 of the field's angle alone, nothing cut."""
     scope = roslf.load("cystoscope")
     result = roslf.evaluate(scope)
     light = result.answer.corner_light
@@ -58,7 +58,73 @@ def test_a_darker_corner_is_told_with_its_stops():
     (verdict,) = [verdict for verdict in result.verdicts if verdict.name == "corner_lit"]
     assert (verdict.ok, verdict.level) == (False, "limit")
     assert f"{-math.log2(light):.2g} stops less" in verdict.text
-    assert "exit pupil" in verdict.remedy
+    assert "no place of the exit pupil evens it" in verdict.remedy
+
+
+TIP = """
+name = "tip"
+main_lens = {diameter = "6 mm", focal_length = "1.15 mm", focal_plane = "11 mm"}
+aperture = {diameter = "0.41 mm", distance = "0.25 mm"}
+microlens_array = {pitch = "30 um", focal_length = "92.5 um", size = ["2 mm", "1.4 mm"]}
+sensor = {distance = "92.5 um", pixel = "1.4 um", size = ["1.792 mm", "1.12 mm"]}
+"""
+
+
+def etendue(design, place, direction):
+    """Light of a Lambertian scene on an area of the array: sum over the FAP of its rays' direction cosines' area.
+
+    `direction` gives the tangent of a ray's angle in the scene from where it goes through the FAP and where on the
+    array it arrives; nothing of the exit pupil, or of cos^4, goes into it.
+    """
+    spots = design.D_F / 2 * np.array([r * np.array([np.cos(t), np.sin(t)]) for r in (0.3, 0.6, 0.9) for t in range(7)])
+
+    def cosines(at):
+        tangent = direction(design, spots, at)
+        return tangent / np.hypot(1.0, np.hypot(*tangent.T))[:, np.newaxis]
+
+    step = 1e-5 * np.eye(2)
+    along, across = ((cosines(place + one) - cosines(place - one)) / 2e-5 for one in step)
+    return float(np.mean(abs(np.linalg.det(np.stack([along, across], -1)))))
+
+
+def straight(design, spots, at):
+    """By similar triangles, to the array's image in the focal plane."""
+    return (-at * design.d_f / design.d_1 - spots) / (design.d_f - design.d_3)
+
+
+def barrel(design, spots, at):
+    """The same angles as drawn by f theta: tan(h/f) in place of h/f."""
+    slope = straight(design, spots, at)
+    height = np.hypot(*slope.T)[:, np.newaxis]
+    return slope / height * np.tan(height)
+
+
+@pytest.mark.parametrize("d_3", [0.25, 0.7, 1.15, 2.0])
+def test_the_corner_s_light_is_the_scene_s_whatever_the_exit_pupil_and_remedies_keep_their_word(d_3):
+    """A sum over rays for the figure; the camera with the smaller sensor, and rays of f theta, for its remedies."""
+    tip = roslf.loads(TIP).replace(d_3=d_3)  # from an exit pupil before the lens over none at all to one behind it
+    grown = roslf.evaluate(tip).answer
+    share = math.tan(math.radians(40)) / math.tan(math.radians(grown.field_of_view_deg.diagonal / 2))
+    tip = tip.replace({"sensor.size": [share * side for side in tip.sensor.size], "microlens_array.size": [3.0, 3.0]})
+    answer = roslf.evaluate(tip).answer
+    assert answer.field_of_view_deg.diagonal == pytest.approx(80, abs=0.2)
+    corner = roslf.specification(tip).field[-1]
+    place = np.array(corner.x_ml_mm)
+    by_rays = etendue(tip, place, straight) / etendue(tip, np.array([1e-4, 1e-4]), straight)
+    assert answer.corner_light == pytest.approx(by_rays, rel=0.01)
+    assert answer.corner_light == pytest.approx(math.cos(math.radians(corner.angle_deg)) ** 4, rel=1e-6)
+    assert "no place of the exit pupil evens it" in answer.corner_evened_by
+    narrow = float(answer.corner_evened_by.partition("a field of ")[2].split()[0])
+    less = math.tan(math.radians(narrow / 2)) / math.tan(math.radians(answer.field_of_view_deg.diagonal / 2))
+    smaller = tip.replace({"sensor.size": [less * side for side in tip.sensor.size]})
+    assert 0.5 <= roslf.evaluate(smaller).answer.corner_light < 0.52
+    theta = math.radians(corner.angle_deg)
+    place *= theta / math.tan(theta)
+    by_rays = etendue(tip, place, barrel) / etendue(tip, np.array([1e-4, 1e-4]), barrel)
+    assert f"f theta leaves {100 * by_rays:.2g}" in answer.corner_evened_by
+    required = f'required = {{field_of_view_deg = {{min = "{narrow + 1} deg"}}}}'
+    held = roslf.evaluate(roslf.loads(roslf.dumps(tip).replace("\n", f"\n{required}\n", 1))).answer
+    assert "allows no smaller sensor; an objective" in held.corner_evened_by
 
 
 def test_a_corner_lighter_than_the_middle_is_told_with_where_its_light_comes_from():

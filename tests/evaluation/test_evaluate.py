@@ -632,3 +632,14 @@ def test_what_an_element_takes_is_never_less_than_nothing_in_words():
     edge = dataclasses.replace(result.fields[0], ray_budget=budget)
     told = budget_table(dataclasses.replace(result, fields=(edge,)))
     assert told.rows[0][1:] == ("10.00 %", "0.00 %", "0.00 %", "90.00 %", "0.00 %")
+
+
+@pytest.mark.parametrize(("across", "enough"), [(2.9, False), (3.1, True)])
+def test_microlenses_without_neighbours_make_no_light_field_camera(across, enough):
+    """Nothing is matched between microlenses that the sensor does not see."""
+    paper = roslf.load("paper")
+    side = across * float(roslf.evaluate(paper).microlens_image["pitch_mm"])
+    result = roslf.evaluate(paper.replace({"sensor.size": (5 * side, side)}))
+    (verdict,) = (verdict for verdict in result.verdicts if verdict.name == "views_resolved")
+    assert result.has_views == enough
+    assert ("microlens_array.pitch, 63 um" in verdict.remedy) != enough

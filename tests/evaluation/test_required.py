@@ -52,6 +52,21 @@ def test_limits_are_held_against_what_the_tables_say():
     assert told[3]["met"]
 
 
+def test_contrast_of_detail_that_aliases_is_no_detail_and_gets_no_tick():
+    """Sampling by definition: half a period a footprint of a microlens."""
+    design = asked('mtf50_lp_per_mm = {at = "20 mm", min = 0.1}')
+    fold = 0.5 / roslf.specification(design, 20.0).object_field[-1].object_sample_mm
+    sharp = roslf.evaluate(design).required[0].value
+    assert sharp > fold  # else this tests nothing
+    limits = (0.99 * fold, 1.01 * fold, 1.01 * sharp)
+    text = ", ".join(f'{{at = "20 mm", min = {least}}}' for least in limits)
+    result = roslf.evaluate(asked(f"mtf50_lp_per_mm = [{text}]"))
+    assert [verdict.level for verdict in result.verdicts[:3]] == ["good", "limit", "fault"]
+    assert all(f"detail above {number(fold, 4)} lp/mm aliases" in verdict.text for verdict in result.verdicts[:3])
+    assert f"believe the sampling: a sample a microlens carries {number(fold, 4)} lp/mm" in result.verdicts[1].remedy
+    assert not roslf.evaluate(asked(f'fold_lp_per_mm = {{at = "20 mm", min = {limits[1]}}}')).required[0].met
+
+
 def test_what_an_optimiser_held_to_its_tolerance_is_met():
     has = roslf.evaluate(asked("field_of_view_deg = {min = 1}")).required[0].value
     room = roslf.evaluate(asked("non_distortion_room_mm = {min = -99}")).required[0].value
@@ -197,3 +212,25 @@ def test_faults_are_told_in_a_line(text, key, message, tmp_path):
     assert str(error.value).startswith(f"{path}: {key}: ")
     assert message in str(error.value)
     assert len(str(error.value).splitlines()) == 1
+
+
+def test_limits_are_judged_in_the_same_run_as_the_design_s_own_faults(tmp_path):
+    """Values that cannot be read hide nothing that can: parts in each other, pitches, limits."""
+    text = preset_path("cystoscope").read_text()
+    for right, wrong in (
+        ("[microlens_array]", '[microlens_array]\nlayout = "hex"'),
+        ('pitch = "', 'pitch = "1000'),
+        ("[main_lens]", "[main_lens]\ncolour = 3"),
+    ):
+        assert right in text
+        text = text.replace(right, wrong, 1)
+    text = text.split("[required]")[0]
+    limits = 'field_of_view = {min = "80 deg"}\nu_z_mm = {at = "10 mm", max = "0.25"}\nfill_factor = {}'
+    (tmp_path / "bad.toml").write_text(f"{text}\n[required]\n{limits}\n")
+    with pytest.raises(DesignError) as caught:
+        roslf.evaluate(tmp_path / "bad.toml")
+    assert {problem.key for problem in caught.value.problems} == {
+        "microlens_array.layout", "microlens_array.pitch", "main_lens.colour",
+        "required.field_of_view", "required.u_z_mm.max", "required.fill_factor",
+    }  # fmt: skip
+    assert str(tmp_path / "bad.toml") in str(caught.value)

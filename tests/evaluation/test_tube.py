@@ -7,6 +7,7 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design import DesignError, dumps, loads, save
+from roslf_design.explorer.fixes import proposals
 from roslf_design.optimization.solve import Settings, solve
 from roslf_design.optimization.variables import name_faults
 from tests.optimization.posing import goal, limit, posed
@@ -40,6 +41,40 @@ def fits(design):
 
 def outer(design):
     return float(roslf.quantity("outer_diameter_mm")(Camera.of(design)))
+
+
+def verdict(design, name):
+    return next(verdict for verdict in roslf.evaluate(design).verdicts if verdict.name == name)
+
+
+def test_no_remedy_is_wider_than_the_tube_or_the_lens_leave_room_for():
+    """Microlenses so wide that images match through a FAP that nothing holds; a main lens, and a window, that cut."""
+    scope = roslf.load("rigid-scope")
+    wide = scope.replace(d=2.5 * scope.d)
+    (needed,) = (fix.changes["D_F"] for fix in proposals(scope.replace(d=1.05 * scope.d)) if fix.key == "match-D_F")
+    needed *= 2.5 / 1.05
+    for lens, tube, fitting in ((1.1, 1.2, True), (0.9, 1.2, False), (1.1, 0.9, False)):
+        tubes = {"tube": {"outer_diameter": tube * needed + 0.2, "wall": 0.1}}
+        held = wide.replace({**tubes, "main_lens.diameter": lens * needed})
+        assert ("D_F = " in verdict(held, "f_number_matched").remedy) == fitting
+        (fix,) = (fix for fix in proposals(held) if fix.key == "match-D_F")
+        assert bool(fix.changes) == fitting
+        assert ("does not fit" in fix.why_not) != fitting
+    cut = scope.replace({"main_lens.diameter": 0.9}, d_3=3.0)
+    wanted = float(verdict(cut, "field_undistorted").remedy.split(" mm")[0].split()[-1])
+    for tube, fitting in ((wanted + 0.3, True), (wanted + 0.1, False)):
+        remedy = verdict(cut.replace({"tube": {"outer_diameter": tube, "wall": 0.1}}), "field_undistorted").remedy
+        assert (f"{wanted:g} mm clear aperture" in remedy) == fitting
+        assert ("leaves no room to widen the main lens" in remedy) != fitting
+
+
+def test_no_aperture_is_advised_inside_a_window():
+    """Where d_3 as it matches is known, a window about it in place of air."""
+    bench = roslf.load("paper-mismatched")
+    place = next(fix.changes["d_3"] for fix in proposals(bench) if fix.key == "match-d_3")
+    assert f"d_3 = {place:.5g} mm" in verdict(bench, "f_number_matched").remedy
+    window = {"kind": "plate", "distance": place - 4.0, "thickness": 12.0, "material": {"index": 1.0001}}
+    assert "d_3 = " not in verdict(bench.replace({"elements": [window]}), "f_number_matched").remedy
 
 
 def test_each_part_that_is_too_wide_is_named_with_what_is_missing(scope):

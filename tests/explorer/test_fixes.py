@@ -191,6 +191,8 @@ def refused_matches_have_no_solution(design, fixes):
         tries = np.linspace(0, 1 - 1e-9, 400) * design.d_f
         if symbol != "d_3":
             tries = getattr(design, symbol) * np.geomspace(1e-3, 1e3, 400)
+        if "does not fit" in fix.why_not:
+            tries = np.geomspace(1e-3 * design.D, design.D, 400)  # a FAP that the lens lets through
         camera = Camera.of(design, {symbol: tries})
         pitch = np.broadcast_to(microlens_image_pitch(camera), tries.shape)
         # Crossings where images' order is reversed match nothing real.

@@ -265,7 +265,7 @@ def test_where_depth_is_unknown_is_hatched_and_told(changes, text, remedy):
 @pytest.mark.parametrize(
     ("name", "changes", "cause", "remedy"),
     [
-        ("cystoscope", {}, "light falls with its slant (38.7 % left)", "smaller sensor"),
+        ("cystoscope", {}, "light falls with the field's angle (38.7 % left)", "smaller sensor"),
         ("paper", {"main_lens.diameter": 36.0}, "stops cut images, to", "wider lens"),
     ],
 )
