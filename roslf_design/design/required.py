@@ -83,7 +83,7 @@ def _read(value: Any, info: ValidationInfo) -> tuple[Required, ...]:
 
 
 def readable(value: Any) -> Iterator[Required]:
-    """Those entries of a file's table that can be read, of a file whose other faults are told."""
+    """Entries of a file's table that can be read, of a file whose other faults are told."""
     with contextlib.suppress(InputError):
         for name, data in _named(value):
             with contextlib.suppress(InputError):

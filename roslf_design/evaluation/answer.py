@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from ..bore.mapping import angle_map
+from ..lenses.angles import F_TAN
 from ..options import check_distances
 from ..theory import tube
 from ..theory.depth_budget import COVERAGE, DepthBudget, depth_budget
@@ -111,7 +112,7 @@ class FirstAnswer:
     """Share that the field's angle before the bore and the lens's mapping alone leave; the rest is the size of what is
     lit of images."""
     corner_evened_by: str
-    """What evens that, each with what it brings, in words; empty where it is even."""
+    """Ways to even that, each with what it brings, in words; empty where it is even."""
     outer_diameter_mm: float
     """Tube that the design states, wider where parts and walls need it; else the narrowest about the optics."""
     outer_diameter_counts: str
@@ -248,9 +249,9 @@ def _evened_by(shown: FieldImages, field: int) -> str:
         if quantity.name == f"field_of_view_{side}deg" and low is not None and low > angle
     ]
     ways = [] if least else [f"a smaller sensor, of a field of {number(view.diagonal, 3)} deg over its diagonal"]
-    if design.lens is None and not camera.mapping.words:
-        slope = outer_slope(camera, np.hypot(*images.fields[field]))
-        barrel = float(angle_map("f theta", 1.0).light(camera.mapping.angle(slope)))
+    slope = float(outer_slope(camera, np.hypot(*images.fields[field])))
+    if math.isclose(level, F_TAN.light(slope), rel_tol=1e-9):  # nothing but cos^4 darkens it
+        barrel = float(angle_map("f theta", 1.0).light(F_TAN.angle(slope)))
         if barrel * light >= EVEN * level:
             ways.append(f"an objective that draws the same field barrel-shaped (f theta leaves {100 * barrel:.3g} %)")
     sentences = (

@@ -179,8 +179,8 @@ def _matched(camera: Camera, f: Numbers, traced: str) -> Verdict:
         f"{f.fill_factor:.4g}, {images}"
     )
     ways = {"d_2": matched(camera, "d_2"), "D_F": matched(camera, "D_F"), "d_3": matched(camera, "d_3")}
-    lengths = [(symbol, float(way.value)) for symbol, way in ways.items() if way.exists]
-    lengths = [_way(camera, symbol, value) for symbol, value in lengths if _stands(camera, symbol, value)]
+    values = [(symbol, float(way.value)) for symbol, way in ways.items() if way.exists]
+    lengths = [_way(camera, symbol, value) for symbol, value in values if _stands(camera, symbol, value)]
     remedy = f"any one of these matches it exactly: {', '.join(lengths)}"
     none = "no single change of d_2, D_F or d_3 that fits the bore matches it; change the microlens pitch or the focus"
     return Verdict.of("f_number_matched", text, remedy if lengths else none)

@@ -31,7 +31,7 @@ from roslf_design.calibration.options import PlanOptions
 from roslf_design.camera import Camera
 from roslf_design.cli import main as roslf
 from roslf_design.design import Design, load
-from roslf_design.evaluation.specification import resolved
+from roslf_design.evaluation.specification import ASKED, resolved
 from roslf_design.reporting.blocks import Paragraph, Report, Section
 from roslf_design.reporting.printers import page_files
 from roslf_design.tables import Table
@@ -153,7 +153,7 @@ def compared(bench: Bench, data: dict[str, Any]) -> Iterator[Compared]:
         elif name.startswith("MTF"):
             kind: Literal["view", "refocused"] = "view" if "a view" in name else "refocused"
             at = bench.stood[f"edge_{name.split()[-2]}mm.tif"]
-            row = resolved(IdealImages(sharp, [(0.0, 0.0)]), 0, at, kind)
+            row = resolved(IdealImages(sharp, [(0.0, 0.0)]), 0, (ASKED, at), kind)
             truth = row.mtf50_lp_per_mm if "50" in name else row.mtf10_lp_per_mm
             if truth is not None:
                 yield Compared(bench.folder.name, name, value, expanded, truth)

@@ -31,7 +31,6 @@ from ...drawing.panel import Panel, Scale, colour_bar
 from ...drawing.picture import PAGE, Picture, beside, legend_height
 from ...drawing.theme import PLAIN, SMALL, drawn_in, short, stop_colour
 from ...effects import plan
-from ...errors import InputError, Problem
 from ...evaluation.fields import field_openings
 from ...imaging.camera import ImageLattice, planned_camera
 from ...imaging.transfer import encircled
@@ -127,17 +126,8 @@ def _image_view(design: Design, place: Point, most: float = math.inf) -> _ImageV
 
 
 def nearest_microlens(design: Design, place: Point, *, inward: bool = False) -> Point:
-    """Axis of the microlens nearest to a place or, with `inward`, not farther out; both on the MLA [mm].
-
-    Raises
-    ------
-    InputError
-        The array is smaller than one microlens.
-    """
+    """Axis of the microlens nearest to a place or, with `inward`, not farther out; both on the MLA [mm]."""
     array = design.microlens_array
-    if min(array.size) < array.pitch * (1 - 1e-9):
-        words = f"{array.pitch:g} mm is more than the microlens array is wide; make it smaller"
-        raise InputError((Problem("d", words),))
     if inward:
         x, y = (math.copysign(max(abs(side) - 0.499 * array.pitch, 0.0), side) for side in place)
         place = x, y
