@@ -225,6 +225,13 @@ def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine():
     assert "cells; tolerances, which a report and a story know before" in depth.text
     built = LengthCovariance(("sensor.distance",), np.array([[1e-6]]))
     assert "cells and tolerances known before" in plan_finding(paper, asked, built).section.blocks[1].items[0].text
+    # A camera is never known worse than it was built, nor than captures alone tell it.
+    alone = plan.expected.sigma["d_3"]
+    for made in (0.02 * alone, alone, 50 * alone):
+        built = LengthCovariance(("aperture.distance",), np.array([[made**2]]))
+        text = plan_finding(paper, asked, built).section.blocks[1].items[2].text
+        assert float(text.partition("d_3 to ")[2].split()[0]) <= 1.03 * min(made, alone)
+        assert f"captures alone tell d_3 to {alone:.2g} mm" in text
     required = paper.replace({"required": {"u_z_mm": [{"max": 1e3}, {"at": 300.0, "max": 1e3}]}})
     lengths_known = planned_lengths(required, asked)
     grounds = basis(required, None, CalibrationSpread("as planned", required, lengths_known), asked.at)

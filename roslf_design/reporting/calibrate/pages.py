@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -495,7 +496,7 @@ def plan_blocks(
     if large:
         answers.append(Statement("caution", sentence(large), sentence(smaller_board(design, c))))
     answers += filter(None, [cover_statement(plan_cover(design, c, asked), wider_board(design, c, asked))])
-    answers.append(_promise(design, plan))
+    answers.append(_promise(design, plan, asked, build))
     sigmas = "".join(f' --sigma "{place}={sigma}"' for place, sigma in asked.sigma.items())
     command = f'roslf calibrate CAPTURES --design design.toml --board "{c.board.text}"{sigmas} -o calibration'
 
@@ -527,12 +528,23 @@ def plan_blocks(
     )
 
 
-def _promise(design: Design, plan: CapturePlan) -> Statement:
-    """Lengths that a plan promises, and those that its poses do not determine."""
-    sigma = plan.expected.sigma
+PROMISED = ("d_3", "H", "d_2")
+"""Lengths that a plan's promise tells."""
+
+
+def _promise(design: Design, plan: CapturePlan, asked: PlanOptions, build: LengthCovariance | None) -> Statement:
+    """Lengths that a plan promises, the build's tolerances known before, and those that its poses do not determine."""
+    alone = sigma = plan.expected.sigma
+    if build is not None:
+        measured, left = lengths_after(design, plan, asked).after(build)
+        lengths, camera = measured.plus(left), Camera.of(design.thin_twin)
+        of_both = [float(lengths.carried(camera, attrgetter(f"seen.{name}"))) for name in PROMISED]
+        sigma = {name: one or alone[name] for name, one in zip(PROMISED, of_both, strict=True)}
     sizes = {"d_3": f"{sigma['d_3']:.2g} mm", "H": f"{sigma['H']:.2g}", "d_2": _rounded(sigma["d_2"])}
     known = [f"{name} to {size}" for name, size in sizes.items() if plan.determined(name)]
     text = f"It will know {listed(known)} (one standard deviation)." if known else ""
+    if build is not None and plan.determined("d_3"):
+        text += f" Tolerances are known before; captures alone tell d_3 to {alone['d_3']:.2g} mm."
     d_3 = float(Camera.of(design).seen.d_3)
     if plan.determined("d_3") and sigma["d_3"] >= abs(d_3):
         text += f" d_3 itself is {number(d_3, 2)} mm as the main lens sees it."
