@@ -84,6 +84,7 @@ def about_elements(design: Assembly, known: Sequence[Problem]) -> tuple[Problem,
     `known` are faults that there are already.
     """
     spans = [(at.place, at.near, at.far) for at in design.in_bore]
+    names = {at.place: at.name for at in design.in_bore}
     problems = []
     if not spans and design.object_space.medium != AIR:
         name = design.object_space.medium.name
@@ -101,7 +102,7 @@ def about_elements(design: Assembly, known: Sequence[Problem]) -> tuple[Problem,
     for stop in design.openings:
         for element, near, far in spans:
             if near < stop.near < far:
-                span = f"{element}, from {shown(near)} to {shown(far)}"
+                span = f"{element} ({names[element]}), from {shown(near)} to {shown(far)}"
                 problems.append(
                     Problem(f"{stop.place}.distance", f"{shown(stop.near)} lies inside {span}; move it out")
                 )

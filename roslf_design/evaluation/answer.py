@@ -243,7 +243,7 @@ def _evened_by(shown: FieldImages, field: int) -> str:
     view = FieldOfView.of(images_of(design, shown.ends.fields * SHARES[max(dark[0] - 1, 0)]), None)
     sides = {"": view.diagonal, "width_": view.width, "height_": view.height}
     least = [
-        f"{quantity.label} of at least {number(low, 4)} deg"
+        f"{quantity.label}: at least {number(low, 4)} deg"
         for _, quantity, low, _ in limits(design)
         for side, angle in sides.items()
         if quantity.name == f"field_of_view_{side}deg" and low is not None and low > angle
@@ -256,7 +256,7 @@ def _evened_by(shown: FieldImages, field: int) -> str:
             ways.append(f"an objective that draws the same field barrel-shaped (f theta leaves {100 * barrel:.3g} %)")
     sentences = (
         "no place of the exit pupil evens it",
-        f"the required {listed(least)} allows no smaller sensor" if least else "",
+        f"what is required ({listed(least)}) allows no smaller sensor" if least else "",
         f"{' or '.join(ways)} would" if ways else "",
         f"{'else' if ways else 'what is left is'} a flat-field correction of pictures, with that noise",
     )

@@ -93,7 +93,8 @@ def lens_speed(design: Design, camera: Camera) -> tuple[Verdict, ...]:
     if not isinstance(design.main_lens.kind, IdealMainLens) or beyond <= 1:
         return ()
     text = (
-        f"ideal lens: f/{speed:.3g} over {2 * math.degrees(math.atan(tangent)):.3g} degrees, single pencils "
+        f"ideal lens: f/{speed:.3g} over {2 * math.degrees(math.atan(tangent)):.3g} degrees as the lens's own middle "
+        "sees the array (the field of view is from the entrance pupil), single pencils "
         f"f/{float(pupil_f_number(camera)):.3g}; aperture by field is {beyond:.3g} times that of a double Gauss, "
         f"f/{FAST:g} over {WIDE:g} degrees, and no singlet or simple doublet has it: its aberrations are not in these "
         "figures"

@@ -16,7 +16,7 @@ from roslf_design.reporting import story
 from roslf_design.reporting.blocks import Report
 from roslf_design.reporting.sheet import lines as datasheet
 from roslf_design.reporting.sheet import resolution
-from roslf_design.reporting.sheet.lines import EXPECTED, datasheet_section
+from roslf_design.reporting.sheet.lines import DEPTH, EXPECTED, datasheet_section
 from roslf_design.reporting.sweep import sweep_picture
 from roslf_design.theory.depth_budget import depth_budget
 from tests.commands.test_cli import run
@@ -101,6 +101,19 @@ def test_a_distance_asked_for_stays_where_it_is_in_every_build(tmp_path, capsys,
         here, beside = (spread[name.format(ahead.format(at, "asked for"))] for at in (230, 230.1))
         assert here == pytest.approx(beside, rel=0.01), name
         assert spread[name.format(ahead.format(230, "focal plane"))] > 2 * here, name
+
+
+def test_small_lengths_and_their_spreads_are_printed_in_one_unit_without_powers_of_ten(tmp_path):
+    (tmp_path / "design.toml").write_text(
+        roslf.dumps(roslf.load("rigid-scope").replace({"depth.disparity_error": 1e-4}))
+    )
+    (tmp_path / "study.toml").write_text(STUDY.replace('"paper"', '"design.toml"').replace("29 um", "2 um"))
+    section = datasheet_section(story.datasheet_of(tmp_path / "study.toml"))
+    rows = [row for block in section.blocks if getattr(block, "title", "").startswith(DEPTH) for row in block.rows]
+    assert any(row[1].endswith(" um") for row in rows)
+    assert not any("e-" in cell for row in rows for cell in row[1:3])
+    _, value, spread, *_ = next(row for row in rows if row[1].endswith(" um"))
+    assert float(spread.split()[-1]) < float(value.split()[0])  # of the same unit: some per cent of it
 
 
 def test_what_is_required_says_how_many_builds_meet_it(tmp_path, capsys, monkeypatch):

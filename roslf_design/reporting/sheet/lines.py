@@ -76,6 +76,8 @@ RANGE = "working range"
 """Name of the lines on it."""
 DEPTH, EXPECTED = "Depth noise (bound), 1 σ", "Depth, expected"
 SHARP = f"Sharp: {CRITERION}."
+SMALL = 1e-3
+"""Length below which micrometres are printed [mm]."""
 NO_DISTORTION = 0.01
 """Distortion below which no cause is named [%]."""
 PARTS, REQUIRED = "parts", "Required"
@@ -574,14 +576,22 @@ def _value(line: _SheetLine) -> str:
     if line.text:
         return line.text
     assert line.value is not None
-    return f"{number(line.value, 4)} {line.unit}".strip() if math.isfinite(line.value) else number(line.value)
+    grown, unit = _shown_in(line)
+    return f"{number(grown * line.value, 4)} {unit}".strip() if math.isfinite(line.value) else number(line.value)
+
+
+def _shown_in(line: _SheetLine) -> tuple[float, str]:
+    """Unit that value and spread of a line are printed in, and how many of it make the line's own."""
+    small = line.unit == "mm" and 0 < abs(line.value or 0.0) < SMALL
+    return (1e3, "um") if small else (1.0, line.unit)
 
 
 def _spread(line: _SheetLine, sigma: Mapping[str, float]) -> str:
     if line.key not in sigma:
         return "–"
+    grown, _ = _shown_in(line)
     # A millionth of the value is what derivatives' steps leave.
-    return f"±\N{NO-BREAK SPACE}{number(SIGMAS * sigma[line.key], 2, 1e-6 * abs(line.value or 0.0))}"
+    return f"±\N{NO-BREAK SPACE}{number(grown * SIGMAS * sigma[line.key], 2, 1e-6 * abs(grown * (line.value or 0.0)))}"
 
 
 def _quoted(grounds: SpreadSources) -> str:
