@@ -76,8 +76,8 @@ RANGE = "working range"
 """Name of the lines on it."""
 DEPTH, EXPECTED = "Depth noise (bound), 1 σ", "Depth, expected"
 SHARP = f"Sharp: {CRITERION}."
-SMALL = 1e-3
-"""Length below which micrometres are printed [mm]."""
+SMALL = 0.1
+"""Length below which micrometres are printed, as `words.length` has them [mm]."""
 NO_DISTORTION = 0.01
 """Distortion below which no cause is named [%]."""
 PARTS, REQUIRED = "parts", "Required"
