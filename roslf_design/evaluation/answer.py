@@ -239,8 +239,8 @@ def _evened_by(shown: FieldImages, field: int) -> str:
     if light >= EVEN:
         return ""
     narrower = images_of(design, SHARES[:, np.newaxis] * images.fields[field])
-    dark = np.flatnonzero(np.ravel(lit(narrower)) < EVEN)
-    view = FieldOfView.of(images_of(design, shown.ends.fields * SHARES[max(dark[0] - 1, 0)]), None)
+    dark = int(np.argmax(np.ravel(lit(narrower)) < EVEN))  # the corner is, and the middle of no camera
+    view = FieldOfView.of(images_of(design, shown.ends.fields * SHARES[dark - 1]), None)
     sides = {"": view.diagonal, "width_": view.width, "height_": view.height}
     least = [
         f"{quantity.label}: at least {number(low, 4)} deg"
@@ -250,12 +250,13 @@ def _evened_by(shown: FieldImages, field: int) -> str:
     ]
     ways = [] if least else [f"a smaller sensor, of a field of {number(view.diagonal, 3)} deg over its diagonal"]
     slope = float(outer_slope(camera, np.hypot(*images.fields[field])))
-    if math.isclose(level, F_TAN.light(slope), rel_tol=1e-9):  # nothing but cos^4 darkens it
+    by_angle = math.isclose(level, camera.mapping.light(slope), rel_tol=1e-9)  # and by no rays of a real lens
+    if by_angle and not camera.mapping.words:
         barrel = float(angle_map("f theta", 1.0).light(F_TAN.angle(slope)))
         if barrel * light >= EVEN * level:
             ways.append(f"an objective that draws the same field barrel-shaped (f theta leaves {100 * barrel:.3g} %)")
     sentences = (
-        "no place of the exit pupil evens it",
+        "no place of the exit pupil evens it" if by_angle else "",
         f"what is required ({listed(least)}) allows no smaller sensor" if least else "",
         f"{' or '.join(ways)} would" if ways else "",
         f"{'else' if ways else 'what is left is'} a flat-field correction of pictures, with that noise",
