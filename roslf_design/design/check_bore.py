@@ -27,16 +27,12 @@ def about_shapes(design: Assembly) -> Iterator[Problem]:
 
 
 def about_array(design: Assembly) -> Iterator[Problem]:
-    """Microlenses of which array or sensor hold no whole one."""
-    pitch = design.microlens_array.pitch
-    for place, size in (("microlens_array.size", design.microlens_array.size), ("sensor.size", design.sensor_size)):
-        if pitch > min(size) * (1 + 1e-9):
-            message = (
-                f"{shown(pitch)} leaves no whole microlens on {place}, {' x '.join(map(shown, size))}; check its "
-                "unit: a hundredth of that, or less, is usual"
-            )
-            yield Problem("microlens_array.pitch", message)
-            return
+    """Pitch wider than the microlens array."""
+    pitch, size = design.microlens_array.pitch, design.microlens_array.size
+    if pitch > min(size) * (1 + 1e-9):
+        held = f"leaves no whole microlens on the array, {' x '.join(map(shown, size))}"
+        message = f"{shown(pitch)} {held}; check its unit: a hundredth of that, or less, is usual"
+        yield Problem("microlens_array.pitch", message)
 
 
 def about_stop_behind(design: Assembly) -> Iterator[Problem]:

@@ -38,7 +38,7 @@ def designs(draw):
     d_1 = f + f * f / (d_f - f)
     assume(d_1 > f)
     pixel, count = draw(length), st.floats(1, 1e4)
-    array, sensor = (draw(length), draw(length)), (pixel * draw(count), pixel * draw(count))
+    array = draw(length), draw(length)
     stops = draw(st.lists(st.builds(Stop, diameter=length, distance=st.floats(0, d_f * 0.9)), max_size=3))
     return Design(
         name=draw(st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Cs"]), min_size=1, max_size=12)),
@@ -51,14 +51,14 @@ def designs(draw):
         aperture=Stop(diameter=draw(length), distance=d_f * draw(st.floats(0, 0.9)), tilt=(draw(small), 0.0)),
         stops=tuple(stops),
         microlens_array=MicrolensArray(
-            pitch=min(*array, *sensor) / draw(count),  # a whole microlens, at least
+            pitch=min(array) / draw(count),  # a whole microlens, at least
             focal_length=draw(length),
             distance=d_1 if "d_1" in given_pair else None,
             size=array,
             layout=draw(st.sampled_from(["square", "hexagonal"])),
             rotation=draw(small),
         ),
-        sensor=Sensor(distance=draw(length), pixel=pixel, size=sensor),
+        sensor=Sensor(distance=draw(length), pixel=pixel, size=(pixel * draw(count), pixel * draw(count))),
         light=Light(wavelength=draw(st.floats(1e-4, 1e-2))),
     )
 
