@@ -164,7 +164,13 @@ def requirements(
         elif quantity.name == "u_z_mm" and not undefined and high is not None and value > high:
             remedy = _of_depth(budget(at), high)
         elif met and low is not None and low > fold:
-            only, remedy = "by contrast alone", _of_sampling(fold, at, low)
+            place = "" if at is None else f'at = "{at:g} mm", '
+            only = "by contrast alone"
+            remedy = (
+                f"believe the sampling: a sample a microlens carries {number(fold, 4)} lp/mm, whatever contrast finer "
+                "detail keeps; smaller microlenses or a shorter distance raise it, and fold_lp_per_mm = "
+                f"{{{place}min = {low:g}}} requires it"
+            )
         elif met and quantity.name == "working_distance_mm" and low is not None and high is not None:
             only, remedy = _of_the_focal_plane(camera, low, high)
         numbers = (at, low, high, shown)
@@ -184,16 +190,6 @@ def _of_depth(budget: DepthBudget, most: float) -> str:
     if largest.name == BUILT and CALIBRATED in [term.name for term in others.terms]:
         way = "the calibration does not see them, tighter tolerances hold them"
     return f"mostly {largest.name}, which `roslf optimize` does not count: {way}{still}"
-
-
-def _of_sampling(fold: float, at: float | None, low: float) -> str:
-    """Remedy of contrast that is required of detail finer than microlenses sample."""
-    place = "" if at is None else f'at = "{at:g} mm", '
-    return (
-        f"believe the sampling: a sample a microlens carries {number(fold, 4)} lp/mm, whatever contrast finer detail "
-        f"keeps; smaller microlenses or a shorter distance raise it, and fold_lp_per_mm = {{{place}min = {low:g}}} "
-        "requires it"
-    )
 
 
 def _of_the_focal_plane(camera: Camera, low: float, high: float) -> tuple[str, str]:

@@ -300,8 +300,7 @@ def _resolved(camera: Camera, sampling: Numbers) -> Verdict:
     across = 2 * float(min(sensor_field(camera).half)) / float(camera.d)
     if across < NEIGHBOURS:
         text = f"no light-field camera: the sensor sees {across:.2g} microlenses across its shorter side"
-        usual = "a hundredth of the sensor, or less, is usual"
-        return Verdict.of("views_resolved", text, f"check microlens_array.pitch, {length(float(camera.d))}: {usual}")
+        return Verdict.of("views_resolved", text, f"check microlens_array.pitch, {length(float(camera.d))}")
     if views < LEAST_VIEWS:
         pixel = 1e3 * float(camera.q)
         return Verdict.of(

@@ -528,18 +528,14 @@ def plan_blocks(
     )
 
 
-PROMISED = ("d_3", "H", "d_2")
-"""Lengths that a plan's promise tells."""
-
-
 def _promise(design: Design, plan: CapturePlan, asked: PlanOptions, build: LengthCovariance | None) -> Statement:
     """Lengths that a plan promises, the build's tolerances known before, and those that its poses do not determine."""
     alone = sigma = plan.expected.sigma
     if build is not None:
         measured, left = lengths_after(design, plan, asked).after(build)
         lengths, camera = measured.plus(left), Camera.of(design.thin_twin)
-        of_both = [float(lengths.carried(camera, attrgetter(f"seen.{name}"))) for name in PROMISED]
-        sigma = {name: one or alone[name] for name, one in zip(PROMISED, of_both, strict=True)}
+        both = {name: float(lengths.carried(camera, attrgetter(f"seen.{name}"))) for name in ("d_3", "H", "d_2")}
+        sigma = {name: one or alone[name] for name, one in both.items()}
     sizes = {"d_3": f"{sigma['d_3']:.2g} mm", "H": f"{sigma['H']:.2g}", "d_2": _rounded(sigma["d_2"])}
     known = [f"{name} to {size}" for name, size in sizes.items() if plan.determined(name)]
     text = f"It will know {listed(known)} (one standard deviation)." if known else ""
