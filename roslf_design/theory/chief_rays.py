@@ -107,11 +107,11 @@ def chief_rays(c: Camera, place: Place) -> ChiefRays:
 
 
 def _alike(c: Camera, shape: tuple[int, ...]) -> list[NDArray[np.intp]]:
-    """Builds in a row, broadcast to a shape, by the order in which FAP and elements stand: those of one order together.
+    """Builds in a row, broadcast to a shape, by the order in which stops and elements stand: of one order together.
 
-    The FAP comes before an element that begins where it stands, as in `ObjectSpaceFaces.of`.
+    A stop comes before an element that begins where it stands, as in `ObjectSpaceFaces.of`.
     """
-    starts = [c["aperture.distance"], *(part.start for part in c.in_bore)]
+    starts = [*(rim.ruler_distance for rim in c.stop_openings), *(part.start for part in c.in_bore)]
     orders = np.argsort([np.broadcast_to(start, shape).ravel() for start in starts], axis=0, kind="stable")
     _, which = np.unique(orders, axis=1, return_inverse=True)
     return [np.flatnonzero(which == k) for k in range(which.max(initial=-1) + 1)]

@@ -88,8 +88,8 @@ class ObjectSpaceFaces:
         clip : bool
             Whether clear apertures stop rays.
         """
-        units = sorted(_units(camera, clip), key=lambda unit: (float(np.ravel(unit[0])[0]), unit[1]))
-        starts, ranks, faces = zip(*((start, rank, face) for start, rank, unit in units for face in unit), strict=True)
+        units = ((start, rank, face) for start, rank, unit in _units(camera, clip) for face in unit)
+        starts, ranks, faces = zip(*units, strict=True)
         table = np.empty((*camera.shape, len(faces), COLUMNS))
         media = np.empty((*camera.shape, len(faces), 2))
         for k, face in enumerate(faces):
@@ -102,10 +102,10 @@ class ObjectSpaceFaces:
         openings = [numbers.get(part, numbers.get(f"{part.rpartition('.')[0]}.0", 0)) for part in parts]
         begin = np.stack([np.broadcast_to(start, camera.shape) for start in starts], axis=-1)
         order = np.lexsort((np.broadcast_to(ranks, begin.shape), begin))
-        belongs = np.array(openings, np.int16)
-        if (order != np.arange(len(faces))).any():
-            table, media = (np.take_along_axis(part, order[..., None], axis=-2) for part in (table, media))
-            belongs = belongs[order]
+        table, media = (np.take_along_axis(part, order[..., None], axis=-2) for part in (table, media))
+        first = order.reshape(-1, len(faces))[0] if order.size else np.arange(len(faces))
+        belongs = np.array(openings, np.int16)[first if (order == first).all() else order]
+        names = tuple(names[k] for k in first)
         return cls(table, media, belongs, camera.mapping.kernel, names)
 
     @classmethod
@@ -167,7 +167,7 @@ class ObjectSpaceFaces:
 
     def _only(self, rows: NDArray[np.intp]) -> ObjectSpaceFaces:
         return replace(
-            self, table=self.table[..., rows, :], media=self.media[..., rows, :], openings=self.openings[rows],
+            self, table=self.table[..., rows, :], media=self.media[..., rows, :], openings=self.openings[..., rows],
             names=tuple(self.names[row] for row in rows),
         )  # fmt: skip
 

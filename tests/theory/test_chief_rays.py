@@ -213,6 +213,26 @@ def test_chief_rays_of_builds_are_each_its_own_wherever_their_stops_stand():
             np.testing.assert_allclose(QUANTITIES[quantity](many), alone, rtol=1e-10)
 
 
+@pytest.mark.parametrize("name", ["cystoscope", "arthroscope"])
+def test_a_build_that_is_none_and_a_stop_past_elements_leave_the_other_builds_their_faces(name):
+    """Of a search's point that is no number, and of a second stop on one side of elements and FAP or on the other."""
+    design = DESIGNS[name]
+    stop = {"diameter": design.aperture.diameter * 1.5, "distance": design.aperture.distance / 2}
+    camera = Camera.of(design.replace({"stops": [stop]}))
+    behind = [part.start + part.length + 0.01 for part in camera.in_bore]
+    for place, values in (
+        ("aperture.distance", [np.nan, camera["aperture.distance"], np.nan]),
+        ("aperture.distance", [np.nan, np.nan]),
+        ("stops.0.distance", [stop["distance"], *behind]),
+        ("stops.0.distance", [*behind[::-1], stop["distance"]]),
+    ):
+        many = camera.replace({place: np.array(values)})
+        for quantity in ("field_of_view_deg", "undistorted_field_mm", "direction_of_view_deg"):
+            alone = [float(QUANTITIES[quantity](camera.replace({place: x}))) if x == x else np.nan for x in values]
+            with np.errstate(invalid="ignore"):  # as searches have it
+                np.testing.assert_allclose(QUANTITIES[quantity](many), alone, rtol=1e-10)
+
+
 def test_in_air_nothing_is_traced_and_nothing_moves():
     """Half widths are the sensor's times d_f/d_1, whatever they are worked out by."""
     for name in ("paper", "rigid-scope", "ear-speculum"):
