@@ -49,20 +49,21 @@ class _Log:
 
     def __init__(self) -> None:
         self._last = self._began = time.monotonic()
-        self._step = ""
+        self._first, self._step = 0.0, ""
 
     def tell(self, step: str, done: float = 0.0, total: float = 0.0) -> None:
         """Say it where the last line is long ago."""
         now = time.monotonic()
-        if self._step and step != self._step:
-            self._began = now
+        if step != self._step:
+            self._began, self._first = now, done
         self._step = step
-        if now - self._last < LOGGED or (total and not 0 < done < total):
+        if now - self._last < LOGGED or (total and not self._first < done < total):
             return
         self._last = now
         left = " ..."
         if total:
-            left = f": {done / total:.0%}, about {about_time((now - self._began) * (total / done - 1))} left"
+            seconds = (now - self._began) * (total - done) / (done - self._first)
+            left = f": {done / total:.0%}, about {about_time(seconds)} left"
         say(f"{step}{left}", error=True)
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +17,13 @@ from ..camera import Camera
 from ..design import Design, preset_names
 from ..errors import InputError, Problem
 from ..theory import tube
-from ..theory.depth_budget import BUILT, CALIBRATED, COVERAGE, DepthBudget
+from ..theory.depth_budget import BUILT, CALIBRATED, COVERAGE, DepthBudget, depth_budget
 from ..theory.focused import has_views
 from ..theory.limits import as_design, limits
 from ..theory.quantities import quantity_named
 from ..words import number
 from .groups import Verdict
-from .specification import FieldOfView
+from .specification import FieldImages, FieldOfView
 
 WAYS = "`roslf sweep` shows what moves it, and as a study's [[constraints]] `roslf optimize` holds it"
 """Remedy of a limit that is not held."""
@@ -176,6 +177,24 @@ def requirements(
         numbers = (at, low, high, shown)
         told.append(Requirement(quantity.name, label, *numbers, quantity.unit, met, counts, only, remedy))
     return tuple(told)
+
+
+def required_as_drawn(design: Design) -> tuple[Requirement, ...]:
+    """Requirements of a design, as `evaluate` judges them where nothing is known of its builds."""
+    if not design.required:
+        return ()
+    camera, view = Camera.of(design), FieldOfView.of(FieldImages.of(design).ends, None)
+    return requirements(design, camera, view, partial(depth_budget, camera))
+
+
+def missed_words(required: Sequence[Requirement]) -> str:
+    """Words on what is required and not met, with the limits that it misses; empty where all is met."""
+    return ", ".join(f"{one.label} {one.value_words} ({one.limits})" for one in required if not one.met)
+
+
+def limits_for_study(design: Design, name: str = "quantity") -> tuple[dict[str, Any], ...]:
+    """Limits of a design's `[required]` as tables of a study's file, the quantity's name under the key `name`."""
+    return tuple({name: asked.quantity, **asked.limits()} for asked in design.required)
 
 
 def _of_depth(budget: DepthBudget, most: float) -> str:

@@ -119,6 +119,7 @@ def _optimise_study(request: OptimiseRequest) -> dict[str, Any]:
     data: dict[str, Any] = {
         "name": f"{request.design.name}: {label}",
         "microlens_in_focus": request.in_focus,
+        "required": request.required and bool(request.design.required),
         "seed": request.seed,
         "variables": {s: [format_quantity(value, "length") for value in ends] for s, ends in bounds.items()},
         "solver": {"starts": STARTS},
@@ -128,8 +129,6 @@ def _optimise_study(request: OptimiseRequest) -> dict[str, Any]:
         limits.append({"quantity": "fill_factor", "min": FILLED[0], "max": FILLED[1]})
     if request.undistorted:
         limits.append({"quantity": "non_distortion_room_mm", "min": "0 mm"})
-    if request.required:
-        limits += ({"quantity": asked.quantity, **asked.limits()} for asked in request.design.required)
     for key in request.held:
         _, name, side = HELD[key]
         value = _number(request.design, name) * (1 + GIVE if side == "max" else 1 - GIVE)

@@ -64,6 +64,8 @@ class Conflict:
     """Conditions on every camera that the least-violating point breaks."""
     undefined: tuple[str, ...] = ()
     """Goals that are undefined where the limits hold."""
+    by_views: bool = False
+    """Whether pixels must be views, of microlenses that no focal length keeps focused on the pupil."""
 
     @property
     def reason(self) -> str:
@@ -73,7 +75,8 @@ class Conflict:
         if not self.smallest:
             return f"within the bounds stands no camera ({', '.join(self.always) or 'nothing can be built'})"
         doubt = "" if self.complete else " (a smaller set was not excluded before the budget was spent)"
-        return f"within the bounds, these cannot hold together: {' and '.join(self.smallest)}{doubt}"
+        views = ", of microlenses that image the pupil (microlens_in_focus = true lets f_ml follow)" * self.by_views
+        return f"within the bounds, these cannot hold together: {' and '.join(self.smallest)}{views}{doubt}"
 
     def to_dict(self) -> dict[str, Any]:
         """As results have it."""
@@ -130,6 +133,7 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
             if variable.max > variable.min and not 1e-6 <= place <= 1 - 1e-6
         ),
         always=tuple(missing),
+        by_views=problem.of_views and not problem.in_focus,
     )
 
 

@@ -23,6 +23,7 @@ from ..bore.conjugates import CONJUGATES, follower
 from ..camera import TIP, Camera, Number
 from ..design import PATHS, Design
 from ..lenses.glass import Glass
+from ..theory.focused import LEAST_VIEWS, LIMIT, filtered_views, pupil_blur_ratio
 from ..theory.light import sensor_field
 from ..theory.tube import OUTER, housed
 from ..tolerancing.draws import sobol_points
@@ -93,6 +94,8 @@ class DesignProblem:
     """Lexicographic: share of an earlier goal that a later one may cost."""
     in_focus: bool = False
     """Whether f_ml follows the focus of the microlenses."""
+    of_views: bool = False
+    """Whether what is asked takes pixels for views, so that every camera must have some."""
     given: Mapping[str, Any] = field(default_factory=dict)
     """Values in place of the base design's: a bore (its tip among it), parts of the catalogue."""
     cut: bool = False
@@ -253,6 +256,9 @@ class DesignProblem:
                     ),
                 )
         yield row("microlens images of positive pitch", lambda c: 1 + c.seen.d_2 * c.seen.vergence)
+        if self.of_views and not self.in_focus:
+            yield row("pixels that are views: microlenses image the pupil", lambda c: 1 - pupil_blur_ratio(c) / LIMIT)
+            yield row("pixels enough across a microlens image", lambda c: filtered_views(c) / LEAST_VIEWS - 1)
         values = self._values(np.full(self.n, 0.5))
         for label, room in self.main_lens.rooms(values, (*self._set_places, *self.given)):
             yield _own(label, lambda builds, room=room: room(*builds))  # type: ignore[misc]

@@ -165,6 +165,11 @@ class _Ranker:
         begin = [(low + high) / 2, low + self.middle * (high - low)]
         results: list[Search] = []
         for start in promising_starts(problem, begin, self.starts if problem.traced else 2, self.seed):
+            if problem.summed and not problem.traced:  # most combinations hold no limits, which takes no goal to tell
+                results.append(searched(problem.without_goals(), start, self.budget, 80, QUICK))
+                if not results[-1].feasible:
+                    continue
+                start = results.pop().unit
             results.append(searched(problem, start, self.budget, 80, max(QUICK, problem.finest)))
             if results[-1].feasible and not problem.traced:
                 break
@@ -177,14 +182,17 @@ class _Ranker:
         self.reasons[number] = "holds every limit, others are better" if designs else _missed(problem, least.search)
         self.nearest = min(self.nearest or least, least, key=lambda one: one.search.violation)
 
-    def optimise_promising(self) -> None:
+    def optimise_promising(self, tell: CountedProgress) -> None:
         """Optimise some combinations, from the middle of their best boxes.
 
         From the first round on: bounds rule out more, the better what they are held against.
         """
+        count = len(self.combinations)
+        decided = count - self.left
         promising = np.lexsort((self.boxes.owner, self.bound))
         _, first = np.unique(self.boxes.owner[promising], return_index=True)
-        for index in promising[np.sort(first)][:AT_ONCE]:
+        for k, index in enumerate(promising[np.sort(first)][:AT_ONCE]):
+            tell("catalogue: combinations decided", decided + k, count)
             if self.bound[index] >= self.threshold or self.budget.ended:
                 break
             self.optimise(int(self.boxes.owner[index]), self.boxes.low[index], self.boxes.high[index])
@@ -197,15 +205,14 @@ class _Ranker:
 
     def search(self, tell: CountedProgress) -> None:
         """Split, rule out and optimise until nothing is left that could enter the list, or the budget is spent."""
-        splitting, turn, count = True, 0, len(self.combinations)
+        splitting, turn = True, 0
         while not self.budget.ended:
             if splitting:
                 self.shave()
             self.clear()
             if not self.left:
                 break
-            tell("catalogue: combinations decided", count - self.left, count)
-            self.optimise_promising()
+            self.optimise_promising(tell)
             self.clear()
             splitting = splitting and turn + 1 < ROUNDS and 2 * len(self.boxes) <= MOST_BOXES
             if splitting and turn % 2:

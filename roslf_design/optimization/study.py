@@ -7,7 +7,7 @@ import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -22,7 +22,7 @@ from ..design import PATHS, Design
 from ..design.files import expect_kind
 from ..design.parts import Stop
 from ..errors import InputError, Problem
-from ..evaluation.required import studied
+from ..evaluation.required import Requirement, limits_for_study, required_as_drawn, studied
 from ..json_data import plain
 from ..lenses.glass import find_glass
 from ..lenses.prescription import Prescription
@@ -65,6 +65,8 @@ class StudyTable(StrictTable):
     """Whether f_ml follows the focus."""
     variables: dict[str, Variable]
     constraints: tuple[Constraint, ...] = ()
+    required: bool = False
+    """Whether all that the design's `[required]` asks for is held as well."""
     goals: tuple[Goal, ...]
     bore: BoreTable | None = None
     solver: SolverTable = SolverTable()
@@ -91,8 +93,21 @@ class StudyTable(StrictTable):
         """Rims of the bore; empty where the design's aperture stands."""
         return () if self.bore is None else self.bore.rims
 
+    def _limits(self, design: Design) -> dict[str, Constraint]:
+        """All limits, by their keys in the files: those of the study, then the design's own that are none of these."""
+        own = {f"constraints.{number}": limit for number, limit in enumerate(self.constraints)}
+        asked = limits_for_study(design) if self.required else ()
+        every = (Constraint.model_validate(limit, context={"from_file": True}) for limit in asked)
+        return own | {f"required: {limit.label}": limit for limit in every if limit not in self.constraints}
+
+    def _asked(self, design: Design) -> dict[str, Constraint | Goal]:
+        """All limits and goals, by their keys."""
+        return self._limits(design) | {f"goals.{number}": goal for number, goal in enumerate(self.goals)}
+
     def faults(self, design: Design) -> Iterator[Problem]:
         """Faults of a study against its design."""
+        if self.required and not design.required:
+            yield Problem("required", f"{design.name} has no [required] to be held; add it, or drop the key")
         names, numbers = tuple(self.variables), Camera.of(design).numbers
         own = [place for lens in design.main_lens.kind.mounted for place in places_that_vary(lens)]
         yield from (Problem("variables", words) for words in name_faults(names, numbers, own))
@@ -111,17 +126,17 @@ class StudyTable(StrictTable):
                     yield Problem(f"variables.{name}", f"bounds {ends} hold 0 between them; keep to one sign")
             if self.bore and (name in ("D_F", "d_3") or name.startswith(("aperture.", "stops.", "tube_"))):
                 yield Problem("variables", f"'{name}' varies, but the bore gives it; drop one of them")
-        views = [part.quantity.name for part in (*self.constraints, *self.goals) if part.quantity.of_views]
+        asked = self._asked(design)
+        views = [part.quantity.name for part in asked.values() if part.quantity.of_views]
         yield from focus_faults(design, *views, changed=("f_ml",) if self.microlens_in_focus else self.variables)
         half = [side / 2 for side in design.microlens_array.size]
-        for key, parts in (("constraints", self.constraints), ("goals", self.goals)):
-            for number, part in enumerate(parts):
-                if part.temperature is not None and design.environment is None:
-                    words = f"{design.name} has no [environment] that says what grows; add it, or drop temperature"
-                    yield Problem(f"{key}.{number}.temperature", words)
-                if part.field is not None and any(abs(x) > most for x, most in zip(part.field, half, strict=True)):
-                    words = f"lies beyond the array, which reaches {half[0]:g} and {half[1]:g} mm from its middle"
-                    yield Problem(f"{key}.{number}.field", words)
+        for key, part in asked.items():
+            if part.temperature is not None and design.environment is None:
+                words = f"{design.name} has no [environment] that says what grows; add it, or drop temperature"
+                yield Problem(f"{key}.temperature", words)
+            if part.field is not None and any(abs(x) > most for x, most in zip(part.field, half, strict=True)):
+                words = f"lies beyond the array, which reaches {half[0]:g} and {half[1]:g} mm from its middle"
+                yield Problem(f"{key}.field", words)
         for lens in design.main_lens.kind.mounted:
             yield from self._faults_behind(design, lens)
         goals = [goal.quantity.name for goal in self.goals]
@@ -168,26 +183,27 @@ class StudyTable(StrictTable):
             yield Problem("robust", words)
         if self.catalogue is not None:
             yield from self.catalogue.faults_behind(lens, shaped)
-        for key, parts in (("constraints", self.constraints), ("goals", self.goals)):
-            for number, part in enumerate(parts):
-                for words in faults_behind(design, part.quantity.name, part.quantity, part.field is not None):
-                    yield Problem(f"{key}.{number}", words)
-                if shaped and part.temperature is not None:
-                    words = f"is not asked where the lens itself varies ('{shaped[0]}'); drop one of them"
-                    yield Problem(f"{key}.{number}.temperature", words)
+        for key, part in self._asked(design).items():
+            for words in faults_behind(design, part.quantity.name, part.quantity, part.field is not None):
+                yield Problem(key, words)
+            if shaped and part.temperature is not None:
+                words = f"is not asked where the lens itself varies ('{shaped[0]}'); drop one of them"
+                yield Problem(f"{key}.temperature", words)
 
     def posed(self, design: Design) -> DesignProblem:
         """The problem on a base design; a bore takes the place of the design's own stops."""
+        asked = self._asked(design)
         return DesignProblem(
             name=self.name,
             question=self.question,
             design=design.replace({"stops": ()}) if self.rims else design,
             variables=self.variables,
-            constraints=self.constraints,
+            constraints=tuple(self._limits(design).values()),
             goals=self.goals,
             order=self.order,
             slack=self.slack,
             in_focus=self.microlens_in_focus,
+            of_views=any(part.quantity.of_views for part in asked.values()),
             given={TIP: max(rim.distance for rim in self.rims)} if self.rims else {},
         )
 
@@ -268,6 +284,11 @@ class Result:
     """Retraces of the best combinations of parts, in their order."""
     seconds: float
 
+    @cached_property
+    def required(self) -> dict[str, tuple[Requirement, ...]]:
+        """Requirements of each design, judged as drawn, by the design's file name without its ending."""
+        return {name.removesuffix(".toml"): required_as_drawn(design) for name, design in self.designs()}
+
     def designs(self) -> Iterator[tuple[str, Design]]:
         """File name and design of everything worth keeping; a point that is no design has none."""
         answer = self.answer
@@ -305,6 +326,7 @@ class Result:
             "following_mm": answer.followers(),
             "goals": [_part(answer, goal) | {"direction": goal.direction} for goal in answer.asked.goals],
             "constraints": [_part(answer, c) | {"min": c.min, "max": c.max} for c in answer.asked.constraints],
+            "required": self.required,
             "violation": answer.violation,
             "accuracy": None if accuracy is None else accuracy.to_dict(timings),
             "active": answer.active if answer.feasible else None,

@@ -35,7 +35,7 @@ from ..design.files import expect_kind
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..evaluation.fields import MOST_FIELDS
-from ..evaluation.required import studied
+from ..evaluation.required import limits_for_study, studied
 from ..options import Options, Seed, up_to
 from ..sobol import BITS
 from ..theory.focused import focus_faults
@@ -243,7 +243,7 @@ class Study(StrictTable):
             raise ValueError(
                 "a study needs at least one [[goals]] with a metric and a limit, or a design with [required]"
             )
-        return tuple({"metric": asked.quantity, **asked.limits()} for asked in design.required)
+        return limits_for_study(design, "metric")
 
     @field_validator("fields", mode="before")
     @classmethod

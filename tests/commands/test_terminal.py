@@ -85,6 +85,18 @@ def test_a_log_has_a_line_of_progress_now_and_then(monkeypatch):
     assert shown.getvalue() == "trials: 40%, about 60 s left\ntrials: 80%, about 20 s left\n"
 
 
+def test_what_was_done_before_a_step_began_makes_it_no_faster(monkeypatch):
+    """Of combinations that bounds rule out at once, and of a run that goes on."""
+    shown, clock = io.StringIO(), iter([0.0, 1.0, 41.0])
+    monkeypatch.setattr("roslf_design.commands.terminal.LOGGED", 30.0)
+    monkeypatch.setattr(sys, "stderr", shown)
+    monkeypatch.setattr("roslf_design.commands.terminal.time.monotonic", lambda: next(clock))
+    with bar("combinations decided", 100) as tell:
+        tell(80)
+        tell(90)
+    assert shown.getvalue() == "combinations decided: 90%, about 40 s left\n"
+
+
 def test_a_log_has_steps_and_what_is_counted_in_them(monkeypatch):
     """One clock for all steps: many short ones are told of as well as one long one; the time left is the step's own."""
     shown, clock = io.StringIO(), iter([0.0, 10.0, 31.0, 40.0, 50.0, 70.0, 90.0, 150.0, 160.0])

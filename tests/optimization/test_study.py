@@ -18,8 +18,12 @@ from roslf_design.optimization.study import run as run_study
 from roslf_design.reporting.blocks import Statements, Table
 from roslf_design.reporting.optimise.pages import optimization_report, statements
 from roslf_design.theory.depth_budget import depth_budget
+from roslf_design.theory.focused import LIMIT, has_views, pupil_blur_ratio
 from roslf_design.theory.length_covariance import LengthCovariance
 from tests.optimization.posing import GOOD, PAPER
+
+FOLLOWS = "microlens_in_focus = true"
+"""The array's microlenses, made for it: behind a pupil so wide the paper's own show no views."""
 
 
 def run(capsys, *arguments):
@@ -72,7 +76,7 @@ def test_a_study_with_everything(capsys, tmp_path):
 
 
 def test_a_bore_becomes_a_pupil(capsys, tmp_path):
-    text = GOOD.replace('D_F = {min = "1 mm", max = "4 mm", start = "9 mm"}\n', "")
+    text = GOOD.replace('D_F = {min = "1 mm", max = "4 mm", start = "9 mm"}\n', "").replace("seed", f"{FOLLOWS}\nseed")
     text += '[bore.tube]\ndiameter = "6 mm"\nlength = "20 mm"\ndistance = "110 mm"\n'
     code, out, _ = run(capsys, "optimize", study(tmp_path, text), "-o", tmp_path / "out", "--json")
     bore = json.loads(out)["bore"]
@@ -89,7 +93,7 @@ def test_a_square_bore_becomes_a_square_pupil(capsys, tmp_path):
     square = {"shape": "rectangle", "sides": (1.0, 1.0), "distance": 100.0}
     save(PAPER.replace({"aperture": square}), tmp_path / "b.toml")
     text = GOOD.replace('D_F = {min = "1 mm", max = "4 mm", start = "9 mm"}\n', "").replace("starts = 4", "starts = 2")
-    text = text.replace('"paper"', '"b.toml"')
+    text = text.replace('"paper"', '"b.toml"').replace("seed", f"{FOLLOWS}\nseed")
     text += '[bore.tube]\nshape = "rectangle"\nsides = ["6 mm", "6 mm"]\nlength = "20 mm"\ndistance = "110 mm"\n'
     code, out, err = run(capsys, "optimize", study(tmp_path, text), "-o", tmp_path / "out", "--json")
     assert (code, err) == (0, "")
@@ -328,3 +332,44 @@ def test_bought_arrays_out_of_focus_are_named_with_the_constraint_that_keeps_the
     code, out, _ = run(capsys, "optimize", study(tmp_path, held, "held.toml"), "-o", tmp_path / "held")
     assert code == 0
     assert "out of focus" not in out
+
+
+def test_an_optimum_is_judged_by_what_its_design_requires(capsys, tmp_path):
+    """Not by the study's limits alone, until the study takes those of the design over; `evaluate` says the same."""
+    asked = {"working_distance_mm": {"max": "225 mm"}, "views_independent": {"min": 3.0}}
+    save(PAPER.replace({"required": asked}), tmp_path / "paper.toml")
+    text = (
+        'name = "far"\ndesign = "paper.toml"\n{}\n[variables]\nd_f = ["250 mm", "400 mm"]\n'
+        '[[goals]]\nquantity = "sigma_z_mm"\nat = "100 mm"\ndirection = "min"\n[solver]\nstarts = 2\ncheck = false\n'
+    )
+    for key, mark in (("", "✗"), ("required = true", "✓")):
+        code, out, _ = run(capsys, "optimize", study(tmp_path, text.format(key)), "-o", tmp_path / "out")
+        first = re.sub(r"\s+", " ", out.removeprefix("far\n")).split(" starts ended")[0]
+        held = roslf.evaluate(tmp_path / "out" / "best.toml").required
+        judged = json.loads((tmp_path / "out" / "results.json").read_text())["required"]["best"]
+        assert (code, [one["met"] for one in judged]) == (0, [one.met for one in held])
+        assert all(one.met for one in held) == (mark == "✓"), held
+        if mark == "✗":
+            assert first.startswith("✗ best.toml misses what its [required] asks for: working distance ")
+            assert "(at most 225 mm)" in first
+            assert "required = true" in first
+            assert "independent views" not in first
+        else:
+            assert first[0] in "✓!"
+            assert "best.toml is all that its [required] asks for" in first
+    code, _, err = run(capsys, "optimize", study(tmp_path, f"required = true\n{GOOD}"), "-o", tmp_path)
+    assert code == 2
+    assert "required: " in err
+    assert "has no [required]" in err
+
+
+def test_an_optimum_by_views_is_a_camera_that_has_views():
+    """Out of the microlenses' focus pixels are no views, whatever closed forms make of them."""
+    base = roslf.load("rigid-scope").replace({"depth.disparity_error": 0.1})
+    data = {
+        "name": "long", "design": "", "variables": {"d_2": ["0.06 mm", "2 mm"]},
+        "goals": [{"quantity": "views_independent", "direction": "max"}], "solver": {"starts": 2, "check": False},
+    }  # fmt: skip
+    (best,) = (design for _, design in run_study(read_study(data, design=base)).designs())
+    assert bool(has_views(Camera.of(best)))
+    assert float(pupil_blur_ratio(Camera.of(best))) == pytest.approx(LIMIT, rel=1e-3)

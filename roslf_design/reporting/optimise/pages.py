@@ -13,6 +13,7 @@ from ...camera import Camera
 from ...design import PATHS
 from ...drawing.marks import Text
 from ...drawing.picture import PAGE, Picture, beside
+from ...evaluation.required import missed_words
 from ...evaluation.verdicts import buildable
 from ...optimization.front import Front
 from ...optimization.goals import Constraint, Goal
@@ -29,7 +30,20 @@ from ...theory.quantities import QUANTITIES, bound_note, in_words
 from ...tolerancing.result import KNOWN_LENGTHS, depth_left_out
 from ...tolerancing.yields import Yield
 from ...words import listed, number, sentence
-from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
+from ..blocks import (
+    Block,
+    Bullets,
+    Code,
+    Figure,
+    Finding,
+    Paragraph,
+    Report,
+    Section,
+    Statement,
+    Statements,
+    Table,
+    Tone,
+)
 from ..design.rays import meridional, ray_words, scale_words
 from .pictures import SAME, bore_and_stop, ends_differ, ends_of, goal_front, robust_yields, search_history
 
@@ -43,6 +57,8 @@ PRESSED = 1e-6
 """Multiplier from which a limit stops the goals, and is not only touched."""
 AGREED = 1e-3
 """Difference between an optimum as searched and as traced again from which a page warns."""
+HOLD_REQUIRED = "Hold it, too: required = true in the study takes it over as limits."
+"""Remedy of an optimum that misses what its design's `[required]` asks for."""
 HIGH = 170.0
 """Height of each of the drawings before and after [px]: both stand on the first screen."""
 MOST_LEFT_OUT = 30
@@ -138,7 +154,7 @@ def _statements(result: Result) -> Iterator[Statement]:
         goals = [(one.quantity.name, one.at) for one in _judged(result) if one.quantity.name in KNOWN_LENGTHS]
         built = robust.scatter.covariance(problem, robust.unit)
         text += f" {depth_left_out(problem.design_at(robust.unit), goals, built)}".rstrip()
-        yield Statement("plain", text)
+        yield _as_required(Statement("plain", text), result, "robust")
     yield from _about_focus(result)
     yield from _about_making(result)
     if result.front is not None:
@@ -170,7 +186,8 @@ def _statements(result: Result) -> Iterator[Statement]:
             text += f" Each of these was traced again on its own: goals and limits differ by up to {worst:.1g}."
         why = "the search was stopped" if ranking.stopped else "the budget was spent; give more"
         late = f"{ranking.open} more were not settled before {why}." if ranking.open else ""
-        yield Statement("caution" if ranking.open or ranking.stopped or not ranking.best else "plain", text, late)
+        tone: Tone = "caution" if ranking.open or ranking.stopped or not ranking.best else "plain"
+        yield _as_required(Statement(tone, text, late), result, "parts-01")
 
 
 def _about_focus(result: Result) -> Iterator[Statement]:
@@ -213,7 +230,7 @@ def _about_optimum(result: Result) -> Iterator[Statement]:
         parts = ", ".join(ranking.ordered(ranking.best[0]).values())
         better = f"With other parts, first of the list below, it is better: {parts}, {_reached(result, 'parts-01')}."
         optimum = replace(optimum, text=f"{optimum.text} {better}")
-    yield optimum
+    yield _as_required(optimum, result, "best")
     yield _agreement(answer)
     if result.retrace is not None:
         yield _about_trace(result.retrace)
@@ -259,6 +276,20 @@ def _optimum(answer: Answer, reached: str) -> Statement:
         return Statement("caution", text, "Where a bound is not meant so, limit what a better goal costs.")
     stopped = f" Active constraints include {bounds}." if bounds else ""
     return Statement("good", f"A design holds every limit; best found: {reached}.{stopped}")
+
+
+def _as_required(said: Statement, result: Result, file: str) -> Statement:
+    """A statement about one of an optimisation's designs, with whether it is what its own `[required]` asks for."""
+    required = result.required.get(file, ())
+    if not required:
+        return said
+    if missed := missed_words(required):
+        remedy = f"`roslf evaluate {file}.toml` says more." if result.study.table.required else HOLD_REQUIRED
+        text = f"{file}.toml misses what its [required] asks for: {missed}. {said.text}"
+        return Statement("bad", text, f"{remedy} {said.remedy}".rstrip())
+    drawn = [f"{one.label} {one.only}" for one in required if one.only]
+    but = f" ({', '.join(drawn)})" if drawn else ""
+    return replace(said, text=f"{said.text} {file}.toml is all that its [required] asks for{but}.")
 
 
 def _about_trace(retrace: Retrace) -> Statement:
