@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import math
 import re
 import shlex
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -45,11 +47,29 @@ PAGE = "index.html"
 
 
 class _Log:
-    """Progress where stderr is no terminal: a line now and then, with the time that the step under way has left."""
+    """Progress where stderr is no terminal: a line now and then, with the time that the step under way has left.
+
+    While it is open, also where a step tells nothing for long: that it goes on, and for how long it has.
+    """
 
     def __init__(self) -> None:
         self._last = self._began = time.monotonic()
-        self._first, self._step = 0.0, ""
+        self._first, self._step, self._over = 0.0, "", threading.Event()
+
+    def __enter__(self) -> _Log:
+        if math.isfinite(LOGGED):
+            threading.Thread(target=self._go_on, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+
+    def _go_on(self) -> None:
+        while not self._over.wait(max(1.0, LOGGED / 4)):
+            now = time.monotonic()
+            if self._step and now - self._last >= 2 * LOGGED:
+                self._last = now
+                say(f"{self._step} ... {about_time(now - self._began)} so far", error=True)
 
     def tell(self, step: str, done: float = 0.0, total: float = 0.0) -> None:
         """Say it where the last line is long ago."""
@@ -82,6 +102,8 @@ class StatusLine:
         self._log = _Log()
 
     def __enter__(self) -> StatusLine:
+        if not self._shown:
+            self._log.__enter__()
         return self
 
     def tell(self, what: str) -> None:
@@ -97,6 +119,7 @@ class StatusLine:
             print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
 
     def __exit__(self, *_: object) -> None:
+        self._log.__exit__()
         self.clear()
 
 
@@ -120,8 +143,8 @@ def bar(name: str, total: float = 1.0, at_once: bool = False) -> Iterator[Callab
         Takes how much is done, from 0 to `total`.
     """
     if not sys.stderr.isatty():
-        log = _Log()
-        yield lambda done: log.tell(name, done, total)
+        with _Log() as log:
+            yield lambda done: log.tell(name, done, total)
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
@@ -154,8 +177,8 @@ def status_and_bars(command: str) -> Iterator[Callable[..., None]]:
         Takes what is being done; of counted things also how many are done, and how many there are.
     """
     if not sys.stderr.isatty():
-        log = _Log()
-        yield lambda what, done=0.0, total=0.0: log.tell(f"{command}: {what}", done, total)
+        with _Log() as log:
+            yield lambda what, done=0.0, total=0.0: log.tell(f"{command}: {what}", done, total)
         return
     with ExitStack() as stack, StatusLine(command) as status:
         counting: dict[str, Callable[[float], None]] = {}

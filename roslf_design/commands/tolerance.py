@@ -8,6 +8,7 @@ import os
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -33,7 +34,7 @@ from ..tolerancing.study import RunOptions
 from ..tolerancing.tally import npz_bytes
 from ..words import sentence
 from .results import picture_files, print_blocks
-from .terminal import Flag, Flat, Json, Output, bar, check_options, say, spelled, typed, write_files
+from .terminal import Flag, Flat, Json, Output, check_options, say, spelled, status_and_bars, typed, write_files
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -83,22 +84,23 @@ def tolerance(
         count = trials_for(accuracy, plan.draws.sampling)
         plan, description, grades = options.model_copy(update={"trials": count}).plan(study)
     where = WorkerSettings(workers or _workers(plan.chunks), scheduler)
-    with bar("trials", plan.trials) as tell:
+    with status_and_bars("tolerance") as tell:
         try:
-            tally = run_trials(plan, output, where, resume=resume, progress=lambda done, _: tell(done))
+            tally = run_trials(plan, output, where, resume=resume, progress=partial(tell, "trials"))
         except ChunkLostError as error:
             say(f"roslf: {with_options(str(error))}", error=True)
             raise SystemExit(1) from None
-    result = analyse(plan, description, grades, tally, save_worst(plan, tally, output))
-    seconds = time.perf_counter() - started
-    result = replace(result, precision=precision(plan, tally, result.final, accuracy, seconds))
-    command = typed("tolerance", study, trials=plan.trials, seed=plan.draws.seed, output="out")
-    files = {
-        "results.json": f"{_lines(result.to_dict())}\n".encode(),
-        "summary.txt": summary(result).encode(),
-        "trials.npz": npz_bytes(trial_arrays(plan, tally)),
-    }
-    files |= picture_files(tolerance_pictures(result)) | page_files(tolerance_report(result, command))
+        result = analyse(plan, description, grades, tally, save_worst(plan, tally, output), progress=tell)
+        seconds = time.perf_counter() - started
+        result = replace(result, precision=precision(plan, tally, result.final, accuracy, seconds))
+        command = typed("tolerance", study, trials=plan.trials, seed=plan.draws.seed, output="out")
+        tell("page and pictures")
+        files = {
+            "results.json": f"{_lines(result.to_dict())}\n".encode(),
+            "summary.txt": summary(result).encode(),
+            "trials.npz": npz_bytes(trial_arrays(plan, tally)),
+        }
+        files |= picture_files(tolerance_pictures(result)) | page_files(tolerance_report(result, command))
     write_files(output, files)
     if json:
         timed = None if result.precision is None else result.precision.to_dict(times=True)

@@ -15,6 +15,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -181,26 +182,26 @@ def _run_tolerances(
     design: Design | None = None,
     folder: Path = Path(),
     origin: str = "",
-    progress: Callable[[int, int], None] | None = None,
+    progress: CountedProgress = silent,
     seed: int | None = None,
     budgets: bool = True,
 ) -> StudyResult:
     """Run a tolerance study with all its analyses, in this process; nothing of it stays on the disk.
 
-    As `tolerance_plan`; `progress` is told (trials done, trials in all), `seed` replaces the study's; `budgets`: what
+    As `tolerance_plan`; `progress` is told of trials and analyses, `seed` replaces the study's; `budgets`: what
     reaches the target yield, too.
     """
     plan, study, grades = tolerance_plan(_seeded(data, seed), design, folder, origin)
-    return analyse(plan, study, grades, _tally(plan, progress), budgets=budgets)
+    return analyse(plan, study, grades, _tally(plan, progress), budgets=budgets, progress=progress)
 
 
 def _seeded(data: Mapping[str, Any], seed: int | None) -> Mapping[str, Any]:
     return data if seed is None else {**data, "seed": seed}
 
 
-def _tally(plan: TolerancePlan, progress: Callable[[int, int], None] | None) -> Tally:
+def _tally(plan: TolerancePlan, progress: CountedProgress) -> Tally:
     with tempfile.TemporaryDirectory() as scratch:
-        return run_trials(plan, Path(scratch), progress=progress)
+        return run_trials(plan, Path(scratch), progress=partial(progress, "builds"))
 
 
 def _builds_alone(
@@ -208,7 +209,7 @@ def _builds_alone(
     design: Design | None = None,
     folder: Path = Path(),
     origin: str = "",
-    progress: Callable[[int, int], None] | None = None,
+    progress: CountedProgress = silent,
     seed: int | None = None,
 ) -> BuildSpread:
     """The trials of a tolerance study without its analyses; arguments as of `_run_tolerances`."""
@@ -233,7 +234,7 @@ def run_optimisation(
 
 
 def _quick_tolerances(
-    design: Design, seed: int = 0, progress: Callable[[int, int], None] | None = None, trials: int = TRIALS
+    design: Design, seed: int = 0, progress: CountedProgress = silent, trials: int = TRIALS
 ) -> StudyResult:
     """The first look; behind a real main lens, builds are what `roslf tolerance` makes of them."""
     # What nobody asked for needs no budget.
@@ -320,7 +321,7 @@ def study_report(
             return _without_design(result, **options)
         design, findings, built = best, {"optimisation": optimization_finding(result)}, None
     else:
-        tolerances = _run_tolerances(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
+        tolerances = _run_tolerances(data, None, path.parent, origin, _prefixed(progress, "tolerances"), seed)
         design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
         built = BuildSpread(tolerances.plan, tolerances.final, tolerances.study.yield_target)
     grounds = basis(design, built, at=at)
@@ -410,8 +411,8 @@ def _walked(
                 raise InputError((Problem(f"parts.{index}", _nothing(outcome, part.take)),), story.origin)
             design = taken
         elif part.kind == "tolerance":
-            counted = _counted(progress, f"{where}, tolerances")
-            outcome = tolerances(data, design, file.parent, str(file), counted, seed)
+            tell = _prefixed(progress, f"{where}, tolerances")
+            outcome = tolerances(data, design, file.parent, str(file), tell, seed)
         elif part.calibration is not None:
             progress(f"{where}, calibration plan")
             changed = {"at": tuple(dict.fromkeys((*part.calibration.at, *at)))}
@@ -454,7 +455,7 @@ def datasheet_of(
     if kind == "tolerance":
         design = tolerance_plan(data, None, path.parent, origin)[0].question.design
         known = None if calibration is None else _known(calibration, design)
-        built = _builds_alone(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
+        built = _builds_alone(data, None, path.parent, origin, _prefixed(progress, "tolerances"), seed)
         return basis(design, built, known, at)
     result = run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
     best = _taken(result, "best")
@@ -511,7 +512,7 @@ def _first_look(
     if not has_views(Camera.of(design.thin_twin)):
         return findings, built
     if "tolerances" not in known:
-        look = _quick_tolerances(design, seed, _counted(progress, "tolerances"))
+        look = _quick_tolerances(design, seed, _prefixed(progress, "tolerances"))
         findings["tolerances"], built = tolerance_finding(look, first_look=True), look.built
     if "calibration" not in known:
         progress("calibration plan")
@@ -551,7 +552,3 @@ def _without_design(result: Result, *, command: str = "", stamp: tuple[str, ...]
 
 def _prefixed(progress: CountedProgress, what: str) -> CountedProgress:
     return lambda said, done=0.0, total=0.0: progress(f"{what}: {said}", done, total)
-
-
-def _counted(progress: CountedProgress, what: str) -> Callable[[int, int], None]:
-    return lambda done, total: progress(f"{what}: builds", done, total)

@@ -18,6 +18,7 @@ from ..design import Design, save
 from ..design.files import WRITTEN
 from ..errors import InputError
 from ..json_data import plain
+from ..progress import CountedProgress, silent
 from ..theory.depth_budget import DepthBudget, depth_budget
 from ..theory.focused import is_focused
 from ..theory.length_covariance import LengthCovariance
@@ -237,30 +238,55 @@ def analyse(
     worst: tuple[WorstTrial, ...] = (),
     *,
     budgets: bool = True,
+    progress: CountedProgress = silent,
 ) -> StudyResult:
-    """Every analysis of a study whose trials have run; `budgets`: what reaches the target yield, too."""
+    """Every analysis of a study whose trials have run; `budgets`: what reaches the target yield, too.
+
+    `progress` is told after each how much is done, by the builds that it takes, about.
+    """
+    count, at_once = len(plan.draws.perturbations), curve_trials(plan)
+    misses = plan.nominal_misses()
+    budgets = budgets and not misses
+    graded = (len(grades.names) - 1) * at_once * bool(study.grade)
+    inverse, searched = 60 * count * (not misses), 40 * at_once * budgets
+    costs = (0, 4 * count, 6 * at_once, 8 * at_once, study.sobol_samples * (count + 2), inverse, searched, graded)
+    shares = iter((np.cumsum(costs) / sum(costs)).tolist())
+
+    def tell() -> None:
+        progress("analyses", next(shares), 1.0)
+
+    tell()
     variants, moves = summarise(plan, tally), sensitivity(plan)
     tracing = notes(plan.question.design, plan.question.fields)
     rss = tuple(rss_rows(plan, moves, variants[0]))
-    misses = plan.nominal_misses()
-    count = len(plan.draws.perturbations)
     share = 1 / math.sqrt(count) if study.share == "rss" else 1 / count
     given = variants[-1].result
-    builds = ScaledBuilds(plan, plan.draws, curve_trials(plan))
+    builds = ScaledBuilds(plan, plan.draws, at_once)
+    tell()
     curve = yield_curve(builds, given)
+    tell()
     scaled = scale_for_yield(plan, study.yield_target, curve, builds)
+    tell()
+    sobol = sobol_indices(plan, study.sobol_samples) if study.sobol_samples else None
+    tell()
+    allowed = () if misses else inverse_sensitivity(plan, share)
+    tell()
+    saved = budget(plan, study, grades, given, scaled) if budgets else None
+    tell()
+    yields = _grades(plan, study, grades, given)
+    tell()
     return StudyResult(
         plan=plan,
         study=study,
         variants=variants,
         sensitivity=moves,
         rss=rss,
-        sobol=sobol_indices(plan, study.sobol_samples) if study.sobol_samples else None,
-        allowed=() if misses else inverse_sensitivity(plan, share),
+        sobol=sobol,
+        allowed=allowed,
         yield_curve=curve,
         scale_for_target=scaled,
-        budget=budget(plan, study, grades, given, scaled) if budgets and not misses else None,
-        grades=_grades(plan, study, grades, given),
+        budget=saved,
+        grades=yields,
         correlations=correlations(tally),
         put_together=put_together(plan) if variants[-1].impossible else np.zeros(count),
         focusing=least_reach(plan) if variants[-1].impossible > (1 - TOGETHER) * plan.trials else None,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 import sys
+import time
 
 import pytest
 
@@ -130,7 +131,26 @@ def test_bars_follow_each_other_and_status_lines(monkeypatch):
     assert "1 of 4" in text
 
 
-@pytest.mark.parametrize("command", [["optimize", "studies/optimize-rigid-scope/study.toml"], ["report", "paper"]])
+def test_a_log_says_that_a_step_goes_on_which_tells_nothing_itself(monkeypatch):
+    shown = io.StringIO()
+    monkeypatch.setattr("roslf_design.commands.terminal.LOGGED", 0.02)
+    monkeypatch.setattr(sys, "stderr", shown)
+    with status_and_bars("report") as tell:
+        tell("calibration plan")
+        until = time.monotonic() + 20
+        while "so far" not in shown.getvalue() and time.monotonic() < until:
+            time.sleep(0.05)
+    assert re.search(r"report: calibration plan \.\.\. .* so far\n", shown.getvalue())
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["optimize", "studies/optimize-rigid-scope/study.toml"],
+        ["report", "paper"],
+        ["tolerance", "studies/tolerance-scope/study.toml", "--trials", "600"],
+    ],
+)
 def test_long_commands_say_in_a_log_how_far_they_are(command, tmp_path, monkeypatch, capsys, root):
     monkeypatch.setattr("roslf_design.commands.terminal.LOGGED", 0.0)
     few_builds(monkeypatch)
@@ -144,3 +164,5 @@ def test_long_commands_say_in_a_log_how_far_they_are(command, tmp_path, monkeypa
     assert main([*command, "-o", str(tmp_path / "out")]) == 0
     lines = capsys.readouterr().err.splitlines()
     assert any(re.fullmatch(rf"{command[0]}: .*: \d+%, about [\d.e+-]+ s left", line) for line in lines)
+    if command[0] == "tolerance":  # trials are a part of it, and of few the least
+        assert any(line.startswith("tolerance: analyses: ") and line.endswith(" left") for line in lines)

@@ -30,20 +30,7 @@ from ...theory.quantities import QUANTITIES, bound_note, in_words
 from ...tolerancing.result import KNOWN_LENGTHS, depth_left_out
 from ...tolerancing.yields import Yield
 from ...words import listed, number, sentence
-from ..blocks import (
-    Block,
-    Bullets,
-    Code,
-    Figure,
-    Finding,
-    Paragraph,
-    Report,
-    Section,
-    Statement,
-    Statements,
-    Table,
-    Tone,
-)
+from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 from ..design.rays import meridional, ray_words, scale_words
 from .pictures import SAME, bore_and_stop, ends_differ, ends_of, goal_front, robust_yields, search_history
 
@@ -186,8 +173,8 @@ def _statements(result: Result) -> Iterator[Statement]:
             text += f" Each of these was traced again on its own: goals and limits differ by up to {worst:.1g}."
         why = "the search was stopped" if ranking.stopped else "the budget was spent; give more"
         late = f"{ranking.open} more were not settled before {why}." if ranking.open else ""
-        tone: Tone = "caution" if ranking.open or ranking.stopped or not ranking.best else "plain"
-        yield _as_required(Statement(tone, text, late), result, "parts-01")
+        said = Statement("caution" if ranking.open or ranking.stopped or not ranking.best else "plain", text, late)
+        yield _as_required(said, result, "parts-01")
 
 
 def _about_focus(result: Result) -> Iterator[Statement]:
