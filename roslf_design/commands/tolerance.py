@@ -23,6 +23,7 @@ from ..reporting.tolerance.pages import (
     impossible_words,
     loose_words,
     share_words,
+    short_words,
     tables,
     tolerance_pictures,
     tolerance_report,
@@ -121,6 +122,8 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
     if lost := impossible_words(result.final):
         yield Paragraph(lost)
     yield Paragraph(headline(result))
+    if short := short_words(result):
+        yield Paragraph(short)
     if result.left_out:
         yield Paragraph(result.left_out)
     if loose := loose_words(result.plan):

@@ -19,6 +19,7 @@ from ..errors import InputError, Problem
 from ..theory import tube
 from ..theory.depth_budget import BUILT, CALIBRATED, COVERAGE, DepthBudget, depth_budget
 from ..theory.focused import has_views
+from ..theory.length_covariance import LengthCovariance
 from ..theory.limits import as_design, limits
 from ..theory.quantities import quantity_named
 from ..words import number
@@ -179,12 +180,12 @@ def requirements(
     return tuple(told)
 
 
-def required_as_drawn(design: Design) -> tuple[Requirement, ...]:
-    """Requirements of a design, as `evaluate` judges them where nothing is known of its builds."""
+def required_of(design: Design, build: LengthCovariance | None = None) -> tuple[Requirement, ...]:
+    """Requirements of a design as `evaluate` judges them, its lengths as drawn or as built."""
     if not design.required:
         return ()
-    camera, view = Camera.of(design), FieldOfView.of(FieldImages.of(design).ends, None)
-    return requirements(design, camera, view, partial(depth_budget, camera))
+    camera, view = Camera.of(design.thin_twin), FieldOfView.of(FieldImages.of(design).ends, None)
+    return requirements(design, camera, view, partial(depth_budget, camera, build=build))
 
 
 def missed_words(required: Sequence[Requirement]) -> str:

@@ -22,7 +22,7 @@ from ..design import PATHS, Design
 from ..design.files import expect_kind
 from ..design.parts import Stop
 from ..errors import InputError, Problem
-from ..evaluation.required import Requirement, limits_for_study, required_as_drawn, studied
+from ..evaluation.required import Requirement, limits_for_study, required_of, studied
 from ..json_data import plain
 from ..lenses.glass import find_glass
 from ..lenses.prescription import Prescription
@@ -287,7 +287,7 @@ class Result:
     @cached_property
     def required(self) -> dict[str, tuple[Requirement, ...]]:
         """Requirements of each design, judged as drawn, by the design's file name without its ending."""
-        return {name.removesuffix(".toml"): required_as_drawn(design) for name, design in self.designs()}
+        return {name.removesuffix(".toml"): required_of(design) for name, design in self.designs()}
 
     def designs(self) -> Iterator[tuple[str, Design]]:
         """File name and design of everything worth keeping; a point that is no design has none."""

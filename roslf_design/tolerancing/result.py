@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +18,20 @@ from ..camera import Camera
 from ..design import Design, save
 from ..design.files import WRITTEN
 from ..errors import InputError
+from ..evaluation.required import Requirement, missed_words, required_of
 from ..json_data import plain
 from ..progress import CountedProgress, silent
 from ..theory.depth_budget import DepthBudget, depth_budget
 from ..theory.focused import is_focused
 from ..theory.length_covariance import LengthCovariance
-from ..theory.quantities import bound_note
+from ..theory.quantities import QUANTITIES, bound_note
 from ..words import listed, number
 from .budgets import ToleranceBudget, budget
-from .metrics import mount_of
-from .places import Grades, in_lens, of_parts
+from .draws import Perturbation
+from .metrics import Column, mount_of
+from .places import Grades, display, in_lens, of_parts, perturbable
 from .sensitivities import (
+    LOOSEST,
     TOGETHER,
     Allowed,
     RssRow,
@@ -44,12 +48,16 @@ from .study import MOST_TRIALS, Adjuster, Study, TolerancePlan, make_plan
 from .summaries import Variant, correlations, summarise
 from .tally import Tally
 from .traced import notes
-from .trials import design_adjusted, final_faults, final_values, lengths_built, measure_finally
+from .trials import design_adjusted, final_faults, final_values, first_builds, lengths_built, measure_finally
 from .yields import CONFIDENCE, ScaledBuilds, Yield, curve_trials, scale_for_yield, yield_at, yield_curve
 
 SCHEMA = "roslf.tolerance/1"
 FINEST = 1e-5
 """A finer yield takes more trials than a study may have."""
+MANY = 1024
+"""Number of builds for quantities that the study does not report: their scatter to some two in a hundred."""
+REACH = 0.1
+"""Share of a length, or angle [rad], within which inverse sensitivity tells limits."""
 SIGMAS = 2.0
 """Width of an error bound in standard errors: a share is off by more in at most 5 % of runs."""
 PARTS, LEAST = 20, 10
@@ -152,6 +160,22 @@ class StudyResult:
         camera = Camera.of(self.plan.question.design.thin_twin)
         return None if is_focused(camera) else depth_budget(camera, build=self.built)
 
+    @cached_property
+    def short_of(self) -> tuple[tuple[str, float], ...]:
+        """Requirements that the yield does not count and fewer builds meet than its target, with their shares.
+
+        The share is 0 of what the nominal design misses.
+        """
+        design, told = self.plan.question.design, []
+        counted = {(limit.label, limit.low, limit.high) for limit in self.final.limits}
+        for one in required_of(design, self.built):
+            alone = one.met and limit_of(one) not in counted and of_builds(one, design.lens is not None)
+            share = share_that_meets(self.plan, self.final, one) if alone else float(one.met)
+            if share < self.study.yield_target and limit_of(one) not in counted:
+                met = f"{one.label} {one.limits}, which {100 * share:.1f} % of builds meet"
+                told.append((met if one.met else missed_words([one]), share))
+        return tuple(told)
+
     @property
     def left_out(self) -> str:
         """Words on what goals of depth leave out, as `lengths_left_out`."""
@@ -224,10 +248,52 @@ class StudyResult:
             "put_together_without": dict(zip(places, self.put_together.tolist(), strict=True)),
             "put_together_by_focusing": None if self.focusing is None else [*self.focusing],
             "worst": [{"trial": w.number, **{k: v for k, v in vars(w).items() if k != "number"}} for w in self.worst],
+            "required_short_of": [{"words": words, "share": share} for words, share in self.short_of],
             "warnings": self.warnings,
         }
         finite: dict[str, Any] = plain(data)
         return finite
+
+
+def share_that_meets(plan: TolerancePlan, final: Variant, one: Requirement) -> float:
+    """Share of the builds that are cameras that meet a requirement: the study's own limit, or the first of them."""
+    for limit in final.limits:
+        if (limit.label, limit.low, limit.high) == limit_of(one):
+            return limit.result.value
+    builds, good = first_builds(plan, MANY)
+    with np.errstate(all="ignore"):  # of builds that are no cameras
+        held = one.holds(QUANTITIES[one.quantity](builds.camera, one.at_mm))
+    return float(np.mean(np.broadcast_to(held, good.shape)[good]))
+
+
+def of_builds(one: Requirement, traced: bool) -> bool:
+    """Whether a study's builds, of a real lens cameras of thin twins, tell how many of them meet a requirement."""
+    return one.quantity != "u_z_mm" and not (traced and one.quantity.startswith("field_of_view"))
+
+
+def limit_of(one: Requirement) -> tuple[str, float, float]:
+    """Label of a study's column of the quantity, and the ends that are required."""
+    low, high = -math.inf if one.min is None else one.min, math.inf if one.max is None else one.max
+    return Column(one.quantity, None, one.at_mm).label, low, high
+
+
+def reach_of(p: Perturbation, kind: str) -> float:
+    """Half-width beyond which a miss makes another design, or closed forms of tilts end; infinite where none does.
+
+    A tolerance that is given is within it, and it is no farther than limits are looked for.
+    """
+    sized = p.nominal and kind != "temperature" and ".decentre." not in p.place
+    most = REACH if kind == "angle" else REACH * abs(p.nominal) if sized else math.inf
+    return min(max(most, p.tolerance), LOOSEST * p.tolerance) if math.isfinite(most) else most
+
+
+def _within_reach(allowed: Allowed, p: Perturbation, kind: str) -> Allowed:
+    """Inverse sensitivity of a perturbation without limits that lie beyond its `reach_of`."""
+    reach = reach_of(p, kind)
+    none = f"no limit within ± {display(reach, kind)}"
+    if allowed.alone > reach:
+        allowed = replace(allowed, alone=math.inf, alone_limited_by=none)
+    return replace(allowed, tolerance=math.inf, limited_by=none) if allowed.tolerance > reach else allowed
 
 
 def analyse(
@@ -269,7 +335,9 @@ def analyse(
     tell()
     sobol = sobol_indices(plan, study.sobol_samples) if study.sobol_samples else None
     tell()
-    allowed = () if misses else inverse_sensitivity(plan, share)
+    kinds = perturbable(plan.question.design)
+    alone = zip(() if misses else inverse_sensitivity(plan, share), plan.draws.perturbations, strict=False)
+    allowed = tuple(_within_reach(one, p, kinds[p.place]) for one, p in alone)
     tell()
     saved = budget(plan, study, grades, given, scaled) if budgets else None
     tell()

@@ -40,8 +40,8 @@ from ...theory.photometry import through_filter
 from ...theory.quantities import QUANTITIES
 from ...theory.quantity import Listed, Quantity
 from ...theory.stop_images import MicrolensImages
-from ...tolerancing.metrics import Column
 from ...tolerancing.places import short_name
+from ...tolerancing.result import MANY, limit_of, of_builds, share_that_meets
 from ...tolerancing.trials import first_builds, lengths_built
 from ...traced.fields import IdealImages
 from ...words import listed, number
@@ -66,8 +66,6 @@ KINK = 1e-6
 """Part of the builds' spread below which derivatives have missed it."""
 FEW = 48
 """Builds that tell the scatter of lines at a distance or a field, to a tenth; a view's MTF takes 10 ms of each."""
-MANY = 1024
-"""Number of builds for quantities that the study does not report: their scatter to some two in a hundred."""
 USABLE = (
     "Finest detail that shows as what it is: the coarser of what still has half its contrast (MTF 50 %) and of half a "
     "period a microlens, above which detail aliases."
@@ -161,18 +159,12 @@ class BuildSpread(NamedTuple):
 
     def share(self, one: Requirement) -> float:
         """Share of the builds that are cameras that meet a requirement: the study's own limit, or the first of them."""
-        for limit in self.final.limits:
-            if (limit.label, limit.low, limit.high) == _column(one):
-                return limit.result.value
-        builds, good = first_builds(self.plan, MANY)
-        with np.errstate(all="ignore"):  # of builds that are no cameras
-            held = one.holds(QUANTITIES[one.quantity](builds.camera, one.at_mm))
-        return float(np.mean(np.broadcast_to(held, good.shape)[good]))
+        return share_that_meets(self.plan, self.final, one)
 
     def judged(self, one: Requirement, traced: bool) -> Requirement:
         """Requirement with the share of builds that meet it: met as drawn, no more, below the target yield."""
         share, words, only, remedy = 1.0, "of the nominal design", one.only, one.remedy
-        if _of_builds(one, traced):
+        if of_builds(one, traced):
             share = self.share(one)
             words = f"{number(100 * share, 4)} % of builds meet it"
         if one.met and share < self.target:
@@ -188,18 +180,7 @@ class BuildSpread(NamedTuple):
             at_fields = (limit for limit in self.final.limits if limit.label.partition("@")[0] == label)
             return any(low <= limit.low and limit.high <= high for limit in at_fields)
 
-        return [one.label for one in required if not counted(*_column(one))]
-
-
-def _of_builds(one: Requirement, traced: bool) -> bool:
-    """Whether a study's builds, of a real lens cameras of thin twins, tell how many of them meet a requirement."""
-    return one.quantity != "u_z_mm" and not (traced and one.quantity.startswith("field_of_view"))
-
-
-def _column(one: Requirement) -> tuple[str, float, float]:
-    """Label of a study's column of the quantity, and the ends that are required."""
-    low, high = -math.inf if one.min is None else one.min, math.inf if one.max is None else one.max
-    return Column(one.quantity, None, one.at_mm).label, low, high
+        return [one.label for one in required if not counted(*limit_of(one))]
 
 
 class CalibrationSpread(NamedTuple):
@@ -351,9 +332,9 @@ def _lines(
 def _required_lines(required: Iterable[Requirement], traced: bool) -> Iterator[_SheetLine]:
     """Lines on what the design file asks for, met or not, with the mark of a warning where met with a reservation."""
     for one in required:
-        of_builds = _of_builds(one, traced)
-        of, own = None, one.quantity if of_builds else ""
-        if of_builds and one.at_mm is not None:
+        by_builds = of_builds(one, traced)
+        of, own = None, one.quantity if by_builds else ""
+        if by_builds and one.at_mm is not None:
             of, own = partial(_at_distance, QUANTITIES[one.quantity], one.at_mm, 1.0), ""
         mark = f"{MARKS['limit']} " if one.met and one.only else ""
         told = [f"{mark}{one.outcome}: {one.both_limits}", one.expanded(one.value), one.counts]

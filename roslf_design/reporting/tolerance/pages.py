@@ -21,9 +21,10 @@ from ...theory.field_of_view import focus_ahead
 from ...theory.quantities import in_words
 from ...theory.quantity import finite
 from ...tolerancing.budgets import Change, ToleranceBudget
+from ...tolerancing.draws import Perturbation
 from ...tolerancing.metrics import DISTANT, METRICS
 from ...tolerancing.places import display, perturbable, short_name
-from ...tolerancing.result import StudyResult, WorstTrial
+from ...tolerancing.result import StudyResult, WorstTrial, reach_of
 from ...tolerancing.study import CALIBRATION, TolerancePlan
 from ...tolerancing.summaries import Variant
 from ...tolerancing.yields import Yield
@@ -120,6 +121,13 @@ def headline(result: StudyResult) -> str:
     )
 
 
+def short_words(result: StudyResult) -> str:
+    """Sentence on what is required, not in the yield, and met by too few builds; empty where nothing is."""
+    told = "; ".join(words for words, _ in result.short_of)
+    lead = "The yield does not count what else the design's [required] asks for, and builds fall short of"
+    return f"{lead}: {told}." if told else ""
+
+
 def depth_sentence(budget: DepthBudget | None, plan: TolerancePlan) -> str:
     """Sentence on the depth that a build measures if nobody calibrates it, and what adjustments are for."""
     if budget is None:
@@ -187,8 +195,11 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
     if result.left_out:
         text += f" {in_words(result.left_out)}"
     misses = result.plan.nominal_misses()
+    if short := short_words(result):
+        text += f" {short}"
     if result.final.result.value >= target:
-        return Statement("good", text)
+        most = min((share for _, share in result.short_of), default=1.0) >= 0.5
+        return Statement("good" if not short else "caution" if most else "bad", text)
     if misses:
         named = ", ".join(in_words(label) for label in misses)
         remedy = f"The nominal design itself misses its limits ({named}): change the design or the limits."
@@ -357,8 +368,12 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
     shares, order = dict(ranking(result)), list(blame(result))
     together = dict(zip(_places(result), result.put_together.tolist(), strict=True))
 
-    def own(value: str, place: str) -> str:
-        return display(getattr(allowed[place], value), kinds[place]) if place in allowed else ""
+    def own(value: str, p: Perturbation) -> str:
+        if p.place not in allowed:
+            return ""
+        width, reach = getattr(allowed[p.place], value), reach_of(p, kinds[p.place])
+        over = math.isinf(width) and math.isfinite(reach)
+        return f"over {display(reach, kinds[p.place])}" if over else display(width, kinds[p.place])
 
     grade = result.study.grade
     source: Column = ("source", "l", lambda p: p.source.split(";")[0].removeprefix(f"{grade}: "))
@@ -367,15 +382,16 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
         ("± tolerance", "r", lambda p: display(p.tolerance, kinds[p.place])),
         *((("mends [%]", "r", lambda p: f"{100 * together[p.place]:.1f}"),) if result.final.impossible else ()),
         ("r² [%]", "d", lambda p: f"{100 * shares.get(p.place, 0.0):.1f}"),
-        ("alone up to", "r", lambda p: own("alone", p.place)),
+        ("alone up to", "r", lambda p: own("alone", p)),
         ("until it fails", "l", lambda p: allowed[p.place].alone_limited_by if p.place in allowed else ""),
-        ("shared budget", "r", lambda p: own("tolerance", p.place)),
+        ("shared budget", "r", lambda p: own("tolerance", p)),
         *((("for the target yield", "r", lambda p: display(p.tolerance * scale, kinds[p.place])),) if scale else ()),
     )
     share = "1/sqrt(n)" if result.study.share == "rss" else "1/n"
     caption = (
         "r²: squared correlation with the weakest metric. Alone up to: where, all else nominal, the first goal fails, "
-        "or the build cannot be put together. "
+        "or the build cannot be put together; looked for within a tenth of a length, 0.1 rad of an angle, and the "
+        "tolerance given. "
         f"Shared budget: what uses {share} of each limit's margin, n = {len(shares)} parameters."
         f"{' For the target yield: all tolerances scaled by one factor.' if scale else ''}"
         f"{f' Source: of the grade {grade}, or this study.' if grade and not brief else ''}"
