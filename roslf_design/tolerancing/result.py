@@ -343,6 +343,9 @@ def analyse(
     tell()
     yields = _grades(plan, study, grades, given)
     tell()
+    lost, room = variants[-1].impossible, (1 - TOGETHER) * plan.trials
+    # What stands in the bore collides wherever the array is.
+    collide = max((count for words, count in variants[-1].faults if words.endswith(" collide")), default=0)
     return StudyResult(
         plan=plan,
         study=study,
@@ -357,7 +360,7 @@ def analyse(
         grades=yields,
         correlations=correlations(tally),
         put_together=put_together(plan) if variants[-1].impossible else np.zeros(count),
-        focusing=least_reach(plan) if variants[-1].impossible > (1 - TOGETHER) * plan.trials else None,
+        focusing=least_reach(plan) if lost > room >= collide else None,
         worst=worst,
         warnings=(*tracing, *_warnings(plan, variants, rss, misses)),
         built=lengths_built(plan),

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 import tomllib
 from dataclasses import replace
 
@@ -301,3 +302,57 @@ def test_tolerances_over_a_tenth_of_their_lengths_are_told():
     assert loose_words(tolerance_plan(data)[0]) == "Tolerances over a tenth of their lengths: d_2 = 2 mm ± 0.21 mm."
     data["perturb"][0]["tolerance"] = "0.19 mm"
     assert loose_words(tolerance_plan(data)[0]) == ""
+
+
+def analysed(data, required=()):
+    """A study of the paper's camera, analysed."""
+    study, design, grades = read_study({"name": "head", "design": "paper", "sobol_samples": 0, **data})
+    plan = make_plan(study, design.replace({"required": required}) if required else design, grades)
+    return analyse(plan, study, grades, tally_chunk(plan, 0), budgets=False)
+
+
+def test_the_head_names_what_is_required_and_builds_fall_short_of():
+    """By the lens equation: of builds whose array is misplaced few have their focal plane where it is required."""
+    data = {
+        "trials": 600,
+        "goals": [{"metric": "fill_factor", "min": 0.5, "max": 2.0}],
+        "perturb": [{"place": "microlens_array.distance", "tolerance": "0.5 mm", "distribution": "uniform"}],
+    }
+    result = analysed(data, {"working_distance_mm": {"min": "229.5 mm", "max": "230.5 mm"}, "q": {"max": "1 um"}})
+    plan = result.plan
+    d_1 = 140 + 0.5 * plan.draws.deviations(plan.draws.uniforms(0, plan.chunk, 0, 600))[0]
+    near = np.mean(abs(1 / (1 / 100 - 1 / d_1) - 350) <= 0.5)
+    assert 0.05 < near < 0.5
+    assert result.final.result.value == 1.0
+    (_, share), (_, none) = result.short_of
+    assert share == near
+    assert none == 0.0
+    statements = next(block for block in _tolerance_section(result).blocks if isinstance(block, Statements))
+    assert statements.items[0].tone == "bad"
+    told = f"working distance at least 229.5 mm and at most 230.5 mm, which {100 * near:.1f} % of builds meet"
+    assert told in statements.items[0].text
+    assert told in " ".join(summary(result).split("\n")[2:4])
+    assert [row["share"] for row in result.to_dict()["required_short_of"]] == [near, 0.0]
+    assert analysed(data).short_of == ()
+
+
+def test_no_tolerance_is_told_that_makes_another_camera():
+    data = {
+        "trials": 100,
+        "goals": [{"metric": "fill_factor", "min": 0.99, "max": 1.02}],
+        "perturb": [
+            {"place": "microlens_array.focal_length", "tolerance": "10 um"},
+            {"place": "microlens_array.rotation", "tolerance": "1 mrad"},
+            {"place": "sensor.distance", "tolerance": "10 um"},
+        ],
+    }
+    result = analysed(data)
+    table = next(table for table in tables(result) if table.title == "Tolerances")
+    alone, fails = (table.headings.index(heading) for heading in ("alone up to", "until it fails"))
+    rows = {row[0]: (row[alone], row[fails]) for row in table.rows}
+    assert rows["f_ml"] == ("over 0.2 mm", "no limit within ± 0.2 mm")  # where it is 2 mm
+    assert rows["MLA rotation"] == ("over 100 mrad", "no limit within ± 100 mrad")
+    d_2 = next(one for one in result.allowed if one.place == "sensor.distance")
+    assert 0 < d_2.alone < 0.2
+    assert d_2.alone_limited_by.startswith("fill_factor")
+    assert all(math.isinf(one.alone) and math.isinf(one.tolerance) for one in result.allowed if one is not d_2)
