@@ -94,7 +94,7 @@ def stages(tell: Tell, parts: Mapping[str, float]) -> CountedProgress:
         step = next((step for step in parts if what.startswith(step)), "")
         left = parts.get(step, 0.0) * (1.0 - (done / total if total else 0.0))
         share = (ends[step] - left) / whole if step else None
-        tell(share, f"{what}: {done:g} of {total:g}" if total else what)
+        tell(share, f"{what}: {done:g} of {total:g}" if total > 1 else what)
 
     return progress
 

@@ -169,7 +169,7 @@ class StudyResult:
         design, told = self.plan.question.design, []
         counted = {(limit.label, limit.low, limit.high) for limit in self.final.limits}
         for one in required_of(design, self.built):
-            alone = one.met and limit_of(one) not in counted and of_builds(one, design.lens is not None)
+            alone = one.met and limit_of(one) not in counted and of_builds(one, bool(design.main_lens.kind.mounted))
             share = share_that_meets(self.plan, self.final, one) if alone else float(one.met)
             if share < self.study.yield_target and limit_of(one) not in counted:
                 met = f"{one.label} {one.limits}, which {100 * share:.1f} % of builds meet"
