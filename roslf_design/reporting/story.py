@@ -164,7 +164,7 @@ def _read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = ""
 
 # --- studies ----------------------------------------------------------------------------------------------------------
 
-TRIALS = 16384
+TRIALS = 4096
 GRADE = "precision"
 FILL, KEPT, CENTRE, DEPTH = 0.1, 0.01, 1.0, 0.1
 """Limits: change of the image fill, light lost, image centres off [px], growth of the depth noise (bound)."""
