@@ -55,10 +55,13 @@ class Kernel(Generic[P, R]):
     Divisions by zero must be guarded in the source (interpreted, they raise).
     """
 
-    def __init__(self, function: Callable[P, R], parallel: bool = False, inline: bool = False) -> None:
+    def __init__(
+        self, function: Callable[P, R], parallel: bool = False, inline: bool = False, apart: bool = False
+    ) -> None:
         self.interpreted = function
         self.parallel = parallel
         self.inline = inline
+        self.apart = apart
         self.__doc__ = function.__doc__
         self.__name__ = getattr(function, "__name__", "kernel")
         self._compiled: Callable[P, R] | None = None
@@ -72,6 +75,7 @@ class Kernel(Generic[P, R]):
         source = self.interpreted
         assert isinstance(source, FunctionType)
         fingerprint = hashlib.sha256(source.__code__.co_code + WIDE.encode() + (b"inline" if self.inline else b""))
+        fingerprint.update(b"apart" if self.apart else b"")
         for constant in source.__code__.co_consts:
             fingerprint.update(constant.co_code if isinstance(constant, CodeType) else repr(constant).encode())
         for name in source.__code__.co_names:
@@ -212,6 +216,8 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
         cache=folder is not None, fastmath=False, error_model="numpy", parallel=kernel.parallel, nogil=True,
         inline="always" if kernel.inline else "never",
     )(twin)  # fmt: skip
+    if kernel.apart:
+        compiled._compiler._customize_flags = _without_alias
     compile_now, unliteral, shelf = compiled.compile, numba.types.unliteral, compiled._cache
 
     def load_alone(signature: Any, context: Any) -> Any:  # numba's own first loads all that a compilation may need
@@ -252,6 +258,12 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
     return fast
 
 
+def _without_alias(flags: Any) -> Any:
+    """Numba's settings of a function, of arguments that do not overlap."""
+    flags.noalias = True
+    return flags
+
+
 def _writable(kind: Any) -> Any:
     """Type of an argument as it is compiled for: arrays as if they could be written to."""
     types: Any = _numba().types
@@ -285,15 +297,18 @@ def _alone(path: Path) -> Iterator[None]:
         yield
 
 
-def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Callable[P, R]], Kernel[P, R]]:
+def kernel(
+    *, parallel: bool = False, inline: bool = False, apart: bool = False
+) -> Callable[[Callable[P, R]], Kernel[P, R]]:
     """Make a function a `Kernel`.
 
     With `parallel`, its `prange` loops run on all threads when compiled. One that is `inline` becomes part of compiled
-    callers, for loops that are made vectors of only so.
+    callers, for loops that are made vectors of only so. What `apart` is given never overlaps, so that loops over many
+    arrays are made vectors of, too.
     """
 
     def wrap(function: Callable[P, R]) -> Kernel[P, R]:
-        return Kernel(function, parallel, inline)
+        return Kernel(function, parallel, inline, apart)
 
     return wrap
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,7 @@ from ..calibration.decoding import LightField
 from .occlusion import BESIDE_STEP, SIZES, beside_steps, past_edges
 from .warping import (
     SUMS,
+    add_pulls,
     best_and_next,
     common,
     fill_holes,
@@ -317,7 +318,7 @@ def estimate_disparity(
     # Noise that only views tell is that of views with many pixels, which may be searched by fewer.
     coarse = (noise.measured or passes <= ROUGH) and min(views.shape) >= MANY_PIXELS
     every = _AllViews(views, noise, field)
-    first = replace(_searched(views, noise, low, high, window, field, coarse) if begun is None else begun, every=every)
+    first = replace(_searched(every, low, high, window, coarse) if begun is None else begun, every=every)
     if not passes:
         return replace(_unlit(views, window, (low, high)), outside=first.outside, begun=first)
     fresh, most = not first.corrected, len(views.grid) >= _MANY
@@ -352,24 +353,28 @@ def estimate_disparity(
     progress(2 / 3)
     wanted = (judged.status == DisparityStatus.INCONSISTENT) | (judged.status == DisparityStatus.OUT_OF_RANGE)
     wanted |= (judged.status == DisparityStatus.AMBIGUOUS) & (fit.misfit(largest_chi2) > 1)
-    return _with_edges(judged, wanted, look, every, largest_sigma, pooled)
+    return _with_edges(judged, wanted, look, first, largest_sigma, pooled)
 
 
 def _with_edges(
-    judged: DisparityMap, wanted: Flags, look: SharedLight, every: _AllViews, largest_sigma: float,
+    judged: DisparityMap, wanted: Flags, look: SharedLight, start: Start, largest_sigma: float,
     alike: Sequence[float] | None,
 ) -> DisparityMap:  # fmt: skip
     """Disparities with those of smaller windows and of quarters of the views, where they are `wanted`."""
+    every, groups = start.every, start.zones
+    assert every is not None
     views, (low, high) = every.views, judged.search
     left, above = ((side <= 0, side > 0) for side in views.pupil.mean(axis=(2, 3)))
     few = views.sparse if len(views.grid) >= _MANY else np.ones(len(views.grid), np.bool_)
     known = judged.disparity[judged.measured]
     least, most = (max(low, known.min() - 1), min(high, known.max() + 1)) if known.size else (low, high)
     coarse = min(views.shape) >= MANY_PIXELS
+    each = coarse and groups is not None and len(groups.zones) == few.sum()
     found = past_edges(
         look, wanted, [(a & b, a & b & few) for a in left for b in above if (a & b).sum() > 2], judged.disparity,
         lambda some, near: _searched(
-            views.some(some), every.noise, least, most, SIZES[0], every.field, coarse, near
+            every if each else replace(every, views=views.some(some)), least, most, SIZES[0], coarse, near,
+            groups.some(some[few]) if each and groups is not None else None,
         ).disparity,
         every.look, largest_sigma, alike,
     )  # fmt: skip
@@ -404,30 +409,43 @@ class _AllViews:
         nearly that of another look at the same views, `kept`, its sums stay.
         """
         views = self.views
-        sums, where = (
-            (np.zeros((SUMS, *views.shape)), np.zeros(views.shape))
-            if kept is None
-            else (kept.sums.copy(), kept.disparity.copy())
-        )
+        apart = self.noise.measured and all(some.all() for some, _ in parts)
+        sums: NDArray[Any] = np.zeros((SUMS, *views.shape), np.float32) if kept is None else kept.sums.copy()
+        where = np.zeros(views.shape) if kept is None else kept.disparity.copy()
+        room = (apart * self.apart.size, 2, *views.shape)
+        each = np.zeros(room, np.float32) if kept is None else kept.each.copy()
         for some, disparity in parts:
             if kept is not None:
                 disparity = np.where(np.abs(disparity - kept.disparity) <= _SAME, np.nan, disparity)
-            self._sum(np.flatnonzero(some), disparity, picture, robust, sums)
+            self._sum(np.flatnonzero(some), disparity, picture, robust, sums, each)
             np.copyto(where, disparity, where=~np.isnan(disparity))
-        return SharedLight(sums, np.where(sums[11] > 0, sums[0], picture), where, views.steps, views.density)
+        return SharedLight(sums, np.where(sums[11] > 0, sums[0], picture), where, views.steps, views.density, each)
 
-    def _sum(self, chosen: NDArray[np.int64], disparity: Array, picture: Array, robust: bool, sums: Array) -> None:
+    def _sum(
+        self, chosen: NDArray[np.int64], disparity: Array, picture: Array, robust: bool, sums: Array, each: Pictures
+    ) -> None:
         """Sums of chosen views along a disparity, as `common` makes them."""
         from scipy import ndimage
 
         views, noise = self.views, self.noise
-        peak = ndimage.maximum_filter(picture, 5) if math.isfinite(noise.saturation) else picture
+        finite = math.isfinite(noise.saturation)
+        peak = ndimage.maximum_filter(picture, 5) if finite else picture
         splines, cells = views.splines
+        even, slot = not finite and not any(cells.strides), np.full(len(views.grid), -1)
+        if len(each):
+            slot[self.apart] = np.arange(len(each))
         with THREADS:
             common.compiled(
-                splines, cells, views.pupil, views.aside, views.still, chosen, disparity, picture, peak, views.steps,
-                noise.electrons, noise.read_noise, noise.brightest, _ROBUST if robust else math.inf, sums,
+                splines, cells, views.pupil, views.aside, views.still, even, chosen, disparity, picture, peak,
+                views.steps, noise.electrons, noise.read_noise, noise.brightest, _ROBUST if robust else math.inf, sums,
+                slot, each,
             )  # fmt: skip
+
+    @property
+    def apart(self) -> NDArray[np.int64]:
+        """Some `SOME_VIEWS` along each axis, whose pull on windows' disparities is told."""
+        every = -(-(np.ptp(self.views.grid, axis=0) + 1) // SOME_VIEWS)
+        return np.flatnonzero((self.views.grid % every == every // 2).all(axis=1))
 
     def pulled(self, look: SharedLight, windows: Sequence[int]) -> Array:
         """Variance of disparities of windows by how each view pulls them, over that by the noise believed of samples.
@@ -435,19 +453,12 @@ class _AllViews:
         Shape (window, v, u); 0 where no view tells it. Samples that err alike pull together (clusters of Liang and
         Zeger 1986, eq. 9): noise of interpolated or compressed views, and what splines and occlusion leave.
         """
-        slope_u, slope_v, known = look.gradient
-        every = -(-(np.ptp(self.views.grid, axis=0) + 1) // SOME_VIEWS)
-        square, lent = np.zeros((len(windows), *self.views.shape)), np.zeros(self.views.shape)
-        sums = np.empty((4, *self.views.shape))
-        for k in np.flatnonzero((self.views.grid % every == every // 2).all(axis=1)):
-            self._sum(np.array([k]), look.disparity, look.picture, True, sums)
-            moved = slope_u * (sums[2] - look.sums[2]) + slope_v * (sums[3] - look.sums[3])
-            weight = np.where(known, sums[1] * moved, 0.0)
-            pull = weight * (sums[0] - look.picture)
-            lent += weight * moved
-            for each, window in zip(square, windows, strict=True):
-                each += box(pull, window) ** 2
-        information = np.stack([box(lent, window) for window in windows])
+        square, information = np.zeros((2, len(windows), *self.views.shape))
+        with THREADS:
+            add_pulls.compiled(
+                look.each, self.views.pupil, self.apart, look.sums, *look.gradient, np.array(windows), square,
+                information,
+            )  # fmt: skip
         return np.asarray(np.divide(square, information, out=np.zeros_like(square), where=information > 0))
 
 
@@ -499,9 +510,15 @@ class _Views:
         if beside.ndim == 2:
             beside = np.broadcast_to(beside[:, :, None, None], (2, *values.shape))
         good = known & np.isfinite(values) & (light > 0)
-        lit = good.sum(axis=0)
-        full = good & saturated(field if captured is None else captured, noise)[usable]
-        light = light if good.all() else np.where(good, light, np.float32(0))
+        # What is the same all over takes no room.
+        good = np.broadcast_to(np.True_, values.shape) if good.all() else good
+        full: Flags = np.broadcast_to(np.zeros((), np.bool_), values.shape)
+        if noise.saturation < math.inf:
+            full = good & saturated(field if captured is None else captured, noise)[usable]
+        if any(good.strides):
+            light = np.where(good, light, np.float32(0))
+        elif light.size and light.min() == light.max():
+            light = np.broadcast_to(light.flat[0], light.shape)
         places = np.argwhere(usable)
         steps = (float(field.u[1] - field.u[0]), float(field.v[1] - field.v[0]))
         density = steps[0] if field.hexagonal is not None else 1.0
@@ -509,8 +526,8 @@ class _Views:
         mixed = (shone > _BRIGHT * shone.max()) & ~(field.weight > 0).any((0, 1))
         unlit = np.where(mixed, DisparityStatus.MIXED, DisparityStatus.NO_LIGHT).astype(np.int8)
         return cls(
-            np.ascontiguousarray(values), light, full, _read_only(where), _read_only(beside), places, lit,
-            full.sum(axis=0), unlit, steps, density,
+            np.ascontiguousarray(values), light, full, _read_only(where), _read_only(beside), places,
+            _counted(good), _counted(full), unlit, steps, density,
         )  # fmt: skip
 
     @property
@@ -524,23 +541,26 @@ class _Views:
 
     def some(self, chosen: Flags) -> _Views:
         """Some of the views."""
-        light, full = self.light[chosen], self.full[chosen]
+        light, full = _picked(self.light, chosen), _picked(self.full, chosen)
+        pupil, aside = (_picked(part.swapaxes(0, 1), chosen).swapaxes(0, 1) for part in (self.pupil, self.aside))
         return replace(
-            self, values=self.values[chosen], light=light, full=full, pupil=_read_only(self.pupil[:, chosen]),
-            aside=_read_only(self.aside[:, chosen]), grid=self.grid[chosen], lit=(light > 0).sum(axis=0),
-            saturated=full.sum(axis=0),
+            self, values=self.values[chosen], light=light, full=full, pupil=pupil, aside=aside, grid=self.grid[chosen],
+            lit=_counted(light), saturated=_counted(full),
         )  # fmt: skip
 
     def halved(self) -> _Views:
         """Views of half as many microlenses along each side, means of four, lit where all of them are."""
         rows, columns = (2 * (size // 2) for size in self.shape)
         corners = [(..., slice(b, rows, 2), slice(a, columns, 2)) for b in (0, 1) for a in (0, 1)]
-        values = np.float32(0.25) * np.sum([self.values[corner] for corner in corners], axis=0)
-        light = np.min([self.light[corner] for corner in corners], axis=0)
-        full = np.max([self.full[corner] for corner in corners], axis=0)
+        values, light, full = self.values[corners[0]], self.light[corners[0]], self.full[corners[0]]
+        for corner in corners[1:]:
+            values = values + self.values[corner]
+            if any((*self.light.strides, *self.full.strides)):
+                light, full = np.minimum(light, self.light[corner]), full | self.full[corner]
+        values *= np.float32(0.25)
         return replace(
             self, values=values, light=light, full=full, pupil=_read_only(self.pupil[corners[0]]),
-            aside=_read_only(self.aside[corners[0]]), lit=(light > 0).sum(axis=0), saturated=full.sum(axis=0),
+            aside=_read_only(self.aside[corners[0]]), lit=_counted(light), saturated=_counted(full),
             steps=(2 * self.steps[0], 2 * self.steps[1]),
         )  # fmt: skip
 
@@ -553,11 +573,12 @@ class _Views:
     def splines(self) -> tuple[Pictures, Pictures]:
         """Spline coefficients and light of the cells between samples."""
         views = self.values
-        if not self.light.all():
+        if any(self.light.strides) and not self.light.all():
             views = views.copy()
             with THREADS:
                 fill_holes.compiled(views, self.light)
-        return spline_coefficients(views), light_of_cells(self.light, self.full)
+        full = self.full if any(self.full.strides) else None
+        return spline_coefficients(views), light_of_cells(self.light, full)
 
     def zones(self, largest: float) -> tuple[NDArray[np.int64], int]:
         """Zone of each view, so that disparities up to `largest` smear none by more than about a pitch."""
@@ -592,6 +613,18 @@ def saturated(field: LightField, noise: PixelNoise) -> Flags:
     return np.asarray((field.values * charge >= noise.saturation) | (peak * charge >= noise.brightest))
 
 
+def _picked(part: NDArray[Any], chosen: Flags) -> NDArray[Any]:
+    """Some of views; of what is the same all over them nothing is copied."""
+    same = not any(part.strides[-2:])
+    return np.broadcast_to(part[chosen, ..., :1, :1] if same else part[chosen], (int(chosen.sum()), *part.shape[1:]))
+
+
+def _counted(part: NDArray[Any]) -> NDArray[np.int64]:
+    """Number of views that have something at each microlens."""
+    same = part.size and not any(part.strides)
+    return np.full(part.shape[1:], len(part) * int(part.flat[0] > 0)) if same else (part > 0).sum(axis=0)
+
+
 def _read_only(part: Pictures) -> Pictures:
     """Read-only view of an array: kernels are compiled once more for arrays that can be written to."""
     return np.broadcast_to(part, part.shape)
@@ -613,6 +646,8 @@ class Start:
     """Whether by corrections too."""
     outside: tuple[float, float] = (0.0, 0.0)
     """Shares of the microlenses that are clearly sharpest beyond either end of the search."""
+    zones: _Zones | None = None
+    """Groups of views that were compared."""
 
     def alike(self, noise: PixelNoise) -> Flags:
         """True where another disparity fits as well."""
@@ -628,15 +663,12 @@ class _Zones(NamedTuple):
     cells: Pictures
     """Least information of each four neighbours."""
     picture: Array
-    candidates: Array
-    """Disparities, equally far from each other, one beyond either end."""
     views: _Views
     """Views that were grouped."""
 
     @classmethod
-    def of(cls, views: _Views, noise: PixelNoise, low: float, high: float, coarse: bool = False) -> _Zones:
-        """Groups of views, or where these are few or move far each, to search from `low` to `high`."""
-        largest = max(abs(low), abs(high))
+    def of(cls, views: _Views, noise: PixelNoise, largest: float, coarse: bool = False) -> _Zones:
+        """Groups of views, or where these are few or move far each, to search disparities up to `largest`."""
         if views.aside.any():
             largest += 2 * float(np.abs(views.aside).max())
         zone, count = views.zones(largest)
@@ -645,31 +677,42 @@ class _Zones(NamedTuple):
             zone, count = np.arange(len(views.grid)), len(views.grid)
         if coarse:
             views = views.halved()
-        overall = np.where(views.light > 0, views.values, 0).sum(axis=0, dtype=float) / np.maximum(views.lit, 1)
+        shown = np.where(views.light > 0, views.values, 0) if any(views.light.strides) else views.values
+        overall = shown.sum(axis=0, dtype=float) / np.maximum(views.lit, 1)
         zones = np.zeros((count, 6, *views.shape), np.float32)
         with THREADS:
             gather_zones.compiled(
-                views.values, views.light, views.pupil, views.aside, zone, overall, noise.electrons, noise.read_noise,
-                zones,
+                views.values, np.ascontiguousarray(views.light), views.pupil, views.aside, zone, overall,
+                noise.electrons, noise.read_noise, zones,
             )  # fmt: skip
-        reach = max(float(np.abs(np.where(zones[:, 1:2] > 0, zones[:, 2:4], 0)).max()), 1e-3)
-        # The outermost views move by a quarter of a microlens from one candidate to the next.
-        steps = max(2, math.ceil((high - low) * reach / (0.25 * min(views.steps))))
-        candidates = low + (high - low) / steps * np.arange(-1.0, steps + 2)
         light = zones[:, 1]
         above, below = (np.minimum(each[..., :-1], each[..., 1:]) for each in (light[:, :-1], light[:, 1:]))
-        return cls(zones, np.minimum(above, below), overall, candidates, views)
+        return cls(zones, np.minimum(above, below), overall, views)
+
+    def some(self, chosen: Flags) -> _Zones:
+        """Some of them."""
+        return self._replace(zones=self.zones[chosen], cells=self.cells[chosen])
+
+    def between(self, low: float, high: float) -> Array:
+        """Disparities to search, equally far from each other, one beyond either end."""
+        reach = max(float(np.abs(np.where(self.zones[:, 1:2] > 0, self.zones[:, 2:4], 0)).max()), 1e-3)
+        # The outermost views move by a quarter of a microlens from one candidate to the next.
+        steps = max(2, math.ceil((high - low) * reach / (0.25 * min(self.views.steps))))
+        return low + (high - low) / steps * np.arange(-1.0, steps + 2)
 
 
 def _searched(
-    views: _Views, noise: PixelNoise, low: float, high: float, window: int, field: LightField, coarse: bool = False,
-    near: Flags | None = None,
+    every: _AllViews, low: float, high: float, window: int, coarse: bool = False, near: Flags | None = None,
+    groups: _Zones | None = None,
 ) -> Start:  # fmt: skip
     """Best of all candidates at every microlens, or those `near`, by the spread of groups of views about their mean.
 
-    `coarse`: of microlenses four by four together.
+    `coarse`: of microlenses four by four together; `groups`, where these are made.
     """
-    zones, cells, overall, candidates, some = _Zones.of(views, noise, low, high, coarse)
+    views, noise = every.views, every.noise
+    groups = _Zones.of(views, noise, max(abs(low), abs(high)), coarse) if groups is None else groups
+    zones, cells, overall, some = groups
+    candidates = groups.between(low, high)
     shape, fine, size, step = overall.shape, views.shape, 1 + coarse, float(candidates[1] - candidates[0])
     window = window // 2 | 1 if coarse else window
     pitches = size * views.steps[0], size * views.steps[1]
@@ -693,13 +736,13 @@ def _searched(
     if coarse and near is None:
         # One correction of these costs a quarter of one of all pixels.
         chosen = np.ones(len(some.grid), np.bool_)
-        look = _AllViews(some, noise, field).look([(chosen, start)], picture, robust=False)
+        look = replace(every, views=some).look([(chosen, start)], picture, robust=False)
         picture, fit = look.picture, WindowFit.of(look, window)
         start = np.clip(np.where(np.isfinite(fit.sigma), fit.disparity, start), start - 0.5, start + 0.5)
     if coarse:
         down, along = (np.minimum(np.arange(n) // 2, n // 2 - 1) for n in fine)
         start, picture, margin = (each[down[:, None], along] for each in (start, picture, margin))
-    return Start(start, picture, margin, step, noise, outside=(beyond[0], beyond[1]))
+    return Start(start, picture, margin, step, noise, outside=(beyond[0], beyond[1]), zones=groups)
 
 
 def _judged(
@@ -710,7 +753,8 @@ def _judged(
     sigma, known = fit.sigma * fit.widened(pulled), look.gradient[2]
     own = look.own(change)
     # Saturation takes what splines and slopes would need about it as well.
-    charge = noise.electrons * look.picture * views.light.sum(axis=0) / np.maximum(views.lit, 1)
+    light = views.light.sum(axis=0) if any(views.light.strides) else views.light[0] * views.lit
+    charge = noise.electrons * look.picture * light / np.maximum(views.lit, 1)
     near = charge + 3 * np.sqrt(np.maximum(charge, 0) + noise.read_noise**2) >= noise.saturation
     lit, full = box(views.lit > 0, window + 6), box(near | (views.saturated > 0), window + 6)
     spread = box(sums[4] + sums[6], window) / np.maximum(box(sums[1], window), 1e-30)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from .._jit import THREADS, kernel, prange
-from .windows import SharedLight, WindowFit, box, chance
+from .windows import SharedLight, WindowFit, chance
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -35,6 +35,8 @@ _BESIDE, _TWO = 12, 0.5
 theirs from which these are two [pitches]."""
 _FURTHEST = 0.5
 """Change of disparity that a slope tells roughly [pitches]: the outermost views move by half a microlens."""
+_TILE = 16
+"""Rows that are worked out one after the other, by one thread."""
 _DEPTH_STEP, BESIDE_STEP = 0.9, 2.0
 """Difference of known disparities within `SIZES[0]` that is a depth step [pitches], and the factor by which errors are
 larger there than windows tell: pixels show some of both sides. Chosen on rendered light fields, not derived."""
@@ -64,7 +66,7 @@ class _Offered:
             widened, misfit = _PICKED * fit.widened(alike[number] if alike else None), fit.misfit(AT_ODDS)
             with THREADS:
                 _take_best.compiled(
-                    np.stack([*vars(fit).values()]), widened, misfit, look.disparity, look.sums, raw, moment,
+                    fit.maps, widened, misfit, look.disparity, look.sums, raw, moment,
                     own_limit, wanted, window // 2, largest_sigma,
                     self.disparity, self.sigma, self.chi2, self.views, self.picture,
                 )  # fmt: skip
@@ -134,13 +136,60 @@ def _sides(disparity: Array, wanted: Flags, reach: int, sides: Array) -> None:
                 sides[side, v : v + 2, u : u + 2] = sums[side, 1] / max(sums[side, 0], 1e-30)
 
 
-def _settled(look: SharedLight) -> tuple[Array, Array]:
-    """Disparities by one correction over small windows, and chi-square per degree of freedom about these."""
-    slopes = (np.asarray(np.gradient(look.picture, look.steps[k], axis=1 - k)) for k in range(2))
-    raw, moment = (box(part, SIZES[0]) for part in look.moments_by(*slopes))
-    change = np.clip(-moment / np.maximum(raw, 1e-9), -_FURTHEST, _FURTHEST)
-    squares, freedom = box(look.sums[9], SIZES[0]) + (2 * moment + raw * change) * change, box(look.sums[10], SIZES[0])
-    return look.disparity + change, np.where(freedom > 1, squares / np.maximum(freedom, 1), np.inf)
+def settle(look: SharedLight, window: int, number: int, before: Array, least: Array, chosen: Array) -> None:
+    """Correct the disparities of a look once over windows, and choose them where they leave less than so far.
+
+    They become those `chosen` of look `number`, instead of any other's, where chi-square per degree of freedom is below
+    `least`, unless they are what that had `before`.
+    """
+    with THREADS:
+        _settle.compiled(
+            look.sums, look.picture, look.disparity, look.steps, window // 2, number, before, least, chosen
+        )
+
+
+@kernel(parallel=True)
+def _settle(
+    sums: Array, picture: Array, begun: Array, steps: tuple[float, float], reach: int, number: int, before: Array,
+    least: Array, chosen: Array,
+) -> None:  # fmt: skip
+    """As `settle`; slopes of the picture are differences of neighbours."""
+    rows, columns = begun.shape
+    for tile in prange((rows + _TILE - 1) // _TILE):
+        top, bottom = tile * _TILE, min(tile * _TILE + _TILE, rows)
+        low, high = max(top - reach, 0), min(bottom + reach, rows)
+        terms, down = np.zeros((high - low, 4, columns)), np.zeros((4, columns))
+        for v in range(low, high):
+            raw, moment, squares, free = terms[v - low]
+            above, below = max(v - 1, 0), min(v + 1, rows - 1)
+            for u in range(columns):
+                left, right = max(u - 1, 0), min(u + 1, columns - 1)
+                x = (picture[v, right] - picture[v, left]) / ((right - left) * steps[0])
+                y = (picture[below, u] - picture[above, u]) / ((below - above) * steps[1])
+                raw[u] = x * x * sums[4, v, u] + 2 * x * y * sums[5, v, u] + y * y * sums[6, v, u]
+                moment[u] = x * sums[7, v, u] + y * sums[8, v, u]
+                squares[u], free[u] = sums[9, v, u], sums[10, v, u]
+        for v in range(top, bottom):
+            down[:] = 0.0
+            for b in range(max(v - reach, 0), min(v + reach + 1, rows)):
+                for k in range(4):
+                    there, here = terms[b - low, k], down[k]
+                    for u in range(columns):
+                        here[u] += there[u]
+            for u in range(columns):
+                if not sums[11, v, u] > 0:
+                    continue
+                near, pull, square, freedom = 0.0, 0.0, 0.0, 0.0
+                for a in range(max(u - reach, 0), min(u + reach + 1, columns)):
+                    near, pull = near + down[0, a], pull + down[1, a]
+                    square, freedom = square + down[2, a], freedom + down[3, a]
+                change = min(max(-pull / max(near, 1.0), -_FURTHEST), _FURTHEST)
+                square, settled = square + (2 * pull + near * change) * change, begun[v, u] + change
+                again = abs(settled - before[v, u]) <= SETTLED
+                if freedom > 1 and square < least[v, u] * freedom and not again:
+                    least[v, u] = square / freedom
+                    for k in range(chosen.shape[0]):
+                        chosen[k, v, u] = settled if k == number else math.nan
 
 
 def past_edges(
@@ -170,14 +219,10 @@ def past_edges(
         least, chosen = np.full(wanted.shape, 1e30), np.full((len(quarters), *wanted.shape), np.nan)
         wide = ndimage.binary_opening(wanted, np.ones((SIZES[0], SIZES[0]), np.bool_)) & last
         about = ndimage.binary_dilation(wide, iterations=4)
-        for own, (_, few), before in zip(chosen, quarters, tried, strict=True):
+        for number, (_, few) in enumerate(quarters):
             others = [np.where(about, search(few, about), np.nan)] if wide.any() else []
             for side in (*sides, *others):
-                settled, cost = _settled(look([(few, side)], first.picture))
-                better = np.isfinite(side) & (cost < least) & ~(np.abs(settled - before) <= SETTLED)
-                least[better] = cost[better]
-                chosen[:, better] = np.nan
-                own[better] = settled[better]
+                settle(look([(few, side)], first.picture), SIZES[0], number, tried[number], least, chosen)
         parts = [(whole, own) for (whole, _), own in zip(quarters, chosen, strict=True)]
         found.take(look(parts, first.picture), wanted, largest_sigma, alike)
         tried = chosen

@@ -279,7 +279,8 @@ def _matlab(path: Path) -> ViewFiles:
 
 def _field(values: Samples, weight: Samples) -> LightField:
     t, s, v, u = (np.arange(length) - (length - 1) / 2 for length in values.shape)
-    values *= weight > 0
+    if not weight.all():
+        values *= weight > 0
     return LightField(values, weight, s, t, u, v, float(max(values.shape[:2])))
 
 

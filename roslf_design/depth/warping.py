@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy import float32
@@ -18,7 +19,6 @@ Flags = NDArray[np.bool_]
 Sums = tuple[Samples, Samples, Samples, Samples, Samples, Samples]
 """Sums of weights, with values and their squares, freedom, count, and room: arrays of their own, as of rows of one,
 which might overlap, the compiler makes no vectors."""
-Taps = tuple[float32, float32, float32, float32, float32, float32, float32, float32]
 
 SUMS = 12
 """Maps that `common` makes: mean, weight, mean s (2), scatter of s (xx, xy, yy), moment of values with s (2), residual
@@ -26,6 +26,14 @@ chi-square, its expectation, number of samples."""
 TAPS = 8
 """Samples along each axis that a place between them is interpolated from: by splines of degree 7. Those of degree 5
 turn detail of 2.5 samples by 0.8 of what they should, and disparities of such texture would be 1.5 % too large."""
+_PIECES = tuple(
+    tuple(
+        float(sum((-1) ** k * math.comb(8, k) * math.comb(7, m) * (7 - j - k) ** (7 - m) for k in range(8 - j)))
+        for m in range(8)
+    )
+    for j in range(TAPS)
+)
+"""Coefficients of their polynomials in the part of a step that a place lies beyond the fourth, times 5040."""
 _POLES = (-0.5352804307964382, -0.12255461519232669, -0.009148694809608277)
 """Poles of the spline: roots of x^6 + 120 x^5 + 1191 x^4 + 2416 x^3 + ... + 1 inside the unit circle."""
 _REACH = 27
@@ -34,6 +42,10 @@ _BEYOND = 11
 """Samples that a view is continued beyond its sides before it is made a spline: 0.54^11 of an error comes back."""
 _VECTOR = 16
 """Samples that the widest vectors hold."""
+_TILE = 16
+"""Rows that are worked out one after the other, by one thread."""
+_OUTSIDE = -9
+"""Sample before a place that lies outside."""
 _SAME_PLACE = 1e-5
 """Difference of pupil coordinates, and of pitches, that is rounding."""
 _SPLINE_LOSS = 0.1235
@@ -134,27 +146,20 @@ def spline_coefficients(views: Samples) -> Samples:
     return out
 
 
-@kernel(inline=True)
-def _taps(f: float32) -> Taps:
-    """B-spline of degree 7 at the eight samples about a place `f` of a step after the fourth, times 5040.
+@kernel()
+def _taps(part: Samples, taps: Samples) -> None:
+    """B-spline of degree 7 at the eight samples about places `part` of a step after the fourth, times 5040: (8, place).
 
     In single precision throughout: a constant of another type would make all that follows double.
     """
-    one, seven, many, most = float32(1), float32(7), float32(21), float32(35)
-    e = one - f
-    f2, e2 = f * f, e * e
-    f3, e3 = f2 * f, e2 * e
-    f4, e4 = f2 * f2, e2 * e2
-    first, last = e3 * e4, f3 * f4
-    # B(2 + x) and B(1 + x) for x in [0, 1] by powers of 1 - x, B(x) by those of x.
-    second = one + seven * e + many * e2 + most * e3 + e4 * (most + many * e + seven * e2 - seven * e3)
-    seventh = one + seven * f + many * f2 + most * f3 + f4 * (most + many * f + seven * f2 - seven * f3)
-    a, b, c, d, g, h = float32(120), float32(392), float32(504), float32(280), float32(84), float32(42)
-    third = a + b * e + c * e2 + d * e3 - e4 * (g * e + h * e2 - many * e3)
-    sixth = a + b * f + c * f2 + d * f3 - f4 * (g * f + h * f2 - many * f3)
-    fourth = float32(2416) - float32(1680) * f2 + f4 * (float32(560) - float32(140) * f2 + most * f3)
-    rest = float32(5040) - first - second - third - fourth - sixth - seventh - last
-    return first, second, third, fourth, rest, sixth, seventh, last
+    for j in range(TAPS):
+        k = _PIECES[j]
+        a, b, c, d = float32(k[0]), float32(k[1]), float32(k[2]), float32(k[3])
+        e, f, g, h = float32(k[4]), float32(k[5]), float32(k[6]), float32(k[7])
+        line = taps[j]
+        for i in range(part.size):
+            x = part[i]
+            line[i] = a + x * (b + x * (c + x * (d + x * (e + x * (f + x * (g + x * h))))))
 
 
 def light_of_cells(light: Samples, full: Flags | None = None) -> Samples:
@@ -164,8 +169,8 @@ def light_of_cells(light: Samples, full: Flags | None = None) -> Samples:
     may be. The outermost of the 8 x 8 that are interpolated from weigh 2e-4 at most.
     """
     some_full = full is not None and bool(full.any())
-    dimmest = light.min()
-    if dimmest == light.max() and not some_full:
+    dimmest = light.min() if any(light.strides) else light.flat[0]
+    if (not any(light.strides) or dimmest == light.max()) and not some_full:
         return np.broadcast_to(dimmest, (len(light), light.shape[1] - 1, light.shape[2] - 1))
     mean = float32(0.25) * (light[:, :-1, :-1] + light[:, :-1, 1:] + light[:, 1:, :-1] + light[:, 1:, 1:])
     rows, columns = mean.shape[1:]
@@ -407,191 +412,325 @@ def best_and_next(
 
 
 @kernel(inline=True)
-def _row(line: Samples, i: int, taps: Taps) -> float32:
-    total = float32(0)
-    for j in range(TAPS):
-        total += taps[j] * line[i + j]
-    return total
+def _row(
+    line: Samples, i: int, a: Samples, b: Samples, c: Samples, d: Samples, e: Samples, f: Samples, g: Samples,
+    h: Samples,
+) -> Any:  # fmt: skip
+    return (
+        a[i] * line[i] + b[i] * line[i + 1] + c[i] * line[i + 2] + d[i] * line[i + 3]
+        + e[i] * line[i + 4] + f[i] * line[i + 5] + g[i] * line[i + 6] + h[i] * line[i + 7]
+    )  # fmt: skip
 
 
-@kernel()
+@kernel(apart=True)
 def _interpolate(
-    spline: Samples, light: Samples, left: Whole, above: Whole, f: Samples, g: Samples, out: Samples
+    spline: Samples, left: Whole, above: Whole, ends: Whole, stops: Whole, across: Samples, down: Samples, out: Samples
 ) -> None:
-    """A view at places f and g of a step beyond samples (left, above), wherever there is light."""
+    """A view at places beyond samples (left, above), wherever these are inside, by taps across and down."""
     end = 0
-    while end < light.size:
-        u, end = end, end + 1
-        if light[u] <= 0:
-            continue
+    while end < out.size:
         # Those that read neighbours are done in one go, which the compiler makes vectors of.
-        a, b = left[u], above[u]
-        while end < light.size and light[end] > 0 and left[end] - end == a - u and above[end] == b:
-            end += 1
+        u, end = end, min(ends[end], stops[end])
+        v, start = above[u], left[u]
+        if v < 0 or start < 0:
+            continue
         # Whole vectors, if half of the first is needed: what lies beyond its run is written over by the next.
         count = (end - u + _VECTOR - 1) // _VECTOR * _VECTOR if 2 * (end - u) >= _VECTOR else end - u
-        count = min(count, light.size - u, spline.shape[1] - TAPS + 1 - a)
-        wide = slice(a, a + count + TAPS - 1)
-        first, second, third, fourth = spline[b, wide], spline[b + 1, wide], spline[b + 2, wide], spline[b + 3, wide]
-        fifth, sixth, seventh, last = spline[b + 4, wide], spline[b + 5, wide], spline[b + 6, wide], spline[b + 7, wide]
-        values, along, down = out[u : u + count], f[u : u + count], g[u : u + count]
+        count = min(count, out.size - u, spline.shape[1] - TAPS + 1 - start)
+        some, wide, values = slice(u, u + count), slice(start, start + count + TAPS - 1), out[u : u + count]
+        first, second, third, fourth = spline[v, wide], spline[v + 1, wide], spline[v + 2, wide], spline[v + 3, wide]
+        fifth, sixth, seventh, last = spline[v + 4, wide], spline[v + 5, wide], spline[v + 6, wide], spline[v + 7, wide]
+        a, b, c, d = across[0, some], across[1, some], across[2, some], across[3, some]
+        e, f, g, h = across[4, some], across[5, some], across[6, some], across[7, some]
+        k, l, m, n = down[0, some], down[1, some], down[2, some], down[3, some]
+        o, p, q, r = down[4, some], down[5, some], down[6, some], down[7, some]
         for i in range(values.size):
-            across, over = _taps(along[i]), _taps(down[i])
             values[i] = (
-                over[0] * _row(first, i, across) + over[1] * _row(second, i, across)
-                + over[2] * _row(third, i, across) + over[3] * _row(fourth, i, across)
-                + over[4] * _row(fifth, i, across) + over[5] * _row(sixth, i, across)
-                + over[6] * _row(seventh, i, across) + over[7] * _row(last, i, across)
+                k[i] * _row(first, i, a, b, c, d, e, f, g, h) + l[i] * _row(second, i, a, b, c, d, e, f, g, h)
+                + m[i] * _row(third, i, a, b, c, d, e, f, g, h) + n[i] * _row(fourth, i, a, b, c, d, e, f, g, h)
+                + o[i] * _row(fifth, i, a, b, c, d, e, f, g, h) + p[i] * _row(sixth, i, a, b, c, d, e, f, g, h)
+                + q[i] * _row(seventh, i, a, b, c, d, e, f, g, h) + r[i] * _row(last, i, a, b, c, d, e, f, g, h)
             )  # fmt: skip
 
 
 @kernel()
-def _split(disparity: Samples, slope: float32, aside: float32, whole: Whole, part: Samples) -> None:
-    """Split what each disparity moves by, in samples, into whole ones and the part of one beyond them."""
+def _place(disparity: Samples, slope: float32, aside: float32, at: Whole, size: int, first: Whole, f: Samples) -> None:
+    """First of two neighbours of `size` samples about each place that lies so far from `at`, or `_OUTSIDE`, and f."""
     one, zero = float32(1), float32(0)
-    for i in range(disparity.size):
+    for i in range(at.size):
         moved = disparity[i] * slope + aside
-        down = int(moved)
-        rest = moved - float32(down)
-        whole[i] = down - 1 if rest < zero else down
-        part[i] = rest + one if rest < zero else rest
+        whole = int(moved)
+        rest = moved - float32(whole)
+        a, rest = (at[i] + whole - 1, rest + one) if rest < zero else (at[i] + whole, rest)
+        # The last sample is the end of the last step.
+        ends = a == size - 1 and rest == zero
+        a, f[i] = (a - 1, one) if ends else (a, rest)
+        first[i] = a if 0 <= a <= size - 2 else _OUTSIDE
 
 
 @kernel()
-def _place(
-    at: Whole, v: int, cells: Samples, left: Whole, above: Whole, f: Samples, g: Samples, light: Samples
-) -> None:
-    """Samples before the places that lie so far from those `at` columns of a row, and the light there, or 0 outside."""
-    rows, columns, one, zero = cells.shape[0] + 1, cells.shape[1] + 1, float32(1), float32(0)
-    for i in range(at.size):
-        a, b = at[i] + left[i], v + above[i]
-        # The last sample is the end of the last cell.
-        ends, stops = a == columns - 1 and f[i] == zero, b == rows - 1 and g[i] == zero
-        a, b = a - 1 if ends else a, b - 1 if stops else b
-        f[i], g[i] = one if ends else f[i], one if stops else g[i]
-        inside = (a >= 0) & (b >= 0) & (a <= columns - 2) & (b <= rows - 2)
-        left[i], above[i], light[i] = a if inside else 0, b if inside else 0, one if inside else zero
-    for i in range(at.size):
-        light[i] *= cells[above[i], left[i]]
+def _prepare(first: Whole, ahead: int, f: Samples, ends: Whole, taps: Samples, lit: Samples, kept: Samples) -> None:
+    """Ends of runs whose samples lie each so far ahead of the one before; taps, 1 inside, and freedom that is left."""
+    one, four, loss = float32(1), float32(4), float32(_SPLINE_LOSS)
+    count = f.size
+    ends[count - 1] = count
+    for i in range(count - 2, -1, -1):
+        ends[i] = ends[i + 1] if first[i + 1] - first[i] == ahead else i + 1
+    _taps(f, taps)
+    for i in range(count):
+        lit[i] = one if first[i] >= 0 else float32(0)
+    for i in range(count):
+        lost = four * f[i] * (one - f[i])
+        kept[i] = one - loss * lost * lost
 
 
-@kernel()
+@kernel(apart=True)
+def _inform(light: Samples, expected: Samples, variance: float32, weight: Samples, root: Samples) -> None:
+    """Information of samples by what is expected of them, and its root."""
+    one = float32(1)
+    for i in range(weight.size):
+        weight[i] = light[i] * light[i] / max(light[i] * expected[i] + variance, one)
+    for i in range(weight.size):
+        root[i] = math.sqrt(weight[i])
+
+
+@kernel(apart=True)
 def _weigh(
-    light: Samples, expected: Samples, variance: float32, robust: float32, value: Samples, weight: Samples
+    lit: Samples, expected: Samples, whole: Samples, root: Samples, robust: float32, value: Samples, weight: Samples
 ) -> None:
     """Make values differences from what is expected, and tell their weights; see `common`."""
-    one = float32(1)
     for i in range(value.size):
         value[i] -= expected[i]
-    for i in range(value.size):
-        weight[i] = light[i] * light[i] / max(light[i] * expected[i] + variance, one)
     if robust < math.inf:
         for i in range(value.size):
-            weight[i] *= robust / max(abs(value[i]) * math.sqrt(weight[i]), robust)
+            weight[i] = lit[i] * whole[i] * (robust / max(abs(value[i]) * root[i], robust))
+    else:
+        for i in range(value.size):
+            weight[i] = lit[i] * whole[i]
+
+
+@kernel(apart=True)
+def _add_moments(
+    lit: Samples, weight: Samples, x: Samples, y: Samples, value: Samples, kept: Samples, less: Samples, sums: Samples
+) -> None:
+    """Add a view's moments of 1, pupil coordinates and value, freedom and count to sums."""
+    count = weight.size
+    whole, over, under, mean = sums[0], sums[1], sums[2], sums[3]
+    for i in range(count):
+        w = weight[i]
+        whole[i] += w
+        over[i] += w * x[i]
+        under[i] += w * y[i]
+        mean[i] += w * value[i]
+    xx, xy, yy = sums[4], sums[5], sums[7]
+    for i in range(count):
+        across, down = weight[i] * x[i], weight[i] * y[i]
+        xx[i] += across * x[i]
+        xy[i] += across * y[i]
+        yy[i] += down * y[i]
+    along, below, square = sums[6], sums[8], sums[9]
+    for i in range(count):
+        pull = weight[i] * value[i]
+        along[i] += pull * x[i]
+        below[i] += pull * y[i]
+        square[i] += pull * value[i]
+    free, some = sums[10], sums[11]
+    for i in range(count):
+        free[i] += lit[i] * kept[i] * less[i]
+        some[i] += lit[i]
 
 
 @kernel()
-def _add_moments(
-    light: Samples, weight: Samples, pupils: Samples, value: Samples, f: Samples, g: Samples, sums: Samples,
-    part: Samples,
+def _place_each(
+    k: int, v: int, at: Whole, disparity: Floats, pupil: Floats, aside: Floats, steps: tuple[float, float], left: Whole,
+    above: Whole, f: Samples, g: Samples, pupils: Samples,
 ) -> None:  # fmt: skip
-    """Add a view's moments of 1, pupil coordinates and value, freedom and count to sums; `part` is room for a row."""
-    n, count = 0, weight.size
-    for first in range(4):
-        here = pupils[first] if first < 3 else value
-        for i in range(count):
-            part[i] = weight[i] * here[i]
-        for second in range(first, 4):
-            total, there = sums[n], pupils[second] if second < 3 else value
-            for i in range(count):
-                total[i] += part[i] * there[i]
-            n += 1
-    free, some, one, four, loss = sums[10], sums[11], float32(1), float32(4), float32(_SPLINE_LOSS)
-    for i in range(count):
-        lost, less = four * f[i] * (one - f[i]), four * g[i] * (one - g[i])
-        kept = (one - loss * lost * lost) * (one - loss * less * less)
-        free[i] += kept if light[i] > float32(0) else float32(0)
-    for i in range(count):
-        some[i] += one if light[i] > float32(0) else float32(0)
+    """As `_place`, along both axes, of a view whose samples look each from a place of its own, and these places."""
+    rows, columns = disparity.shape
+    for i in range(at.size):
+        u = at[i]
+        left[i], above[i] = _OUTSIDE, _OUTSIDE
+        along, over = pupil[0, k, v, u], pupil[1, k, v, u]
+        x = u + (disparity[v, u] * along + aside[0, k, v, u]) / steps[0]
+        y = v + (disparity[v, u] * over + aside[1, k, v, u]) / steps[1]
+        if not (x >= 0 and y >= 0 and x <= columns - 1 and y <= rows - 1):
+            continue
+        # The pupil coordinate is that of the microlens whose light this is, not of the one it is warped to.
+        there, below = int(x + 0.5), int(y + 0.5)
+        near, lower = pupil[0, k, below, there], pupil[1, k, below, there]
+        if near != along or lower != over:
+            along, over = near, lower
+            x = u + (disparity[v, u] * along + aside[0, k, v, u]) / steps[0]
+            y = v + (disparity[v, u] * over + aside[1, k, v, u]) / steps[1]
+            if not (x >= 0 and y >= 0 and x <= columns - 1 and y <= rows - 1):
+                continue
+        left[i], above[i] = min(int(x), columns - 2), min(int(y), rows - 2)
+        f[i], g[i] = x - left[i], y - above[i]
+        pupils[0, i], pupils[1, i] = along, over
+
+
+@kernel()
+def _centre(expected: Samples, sums: Samples) -> None:
+    """Make moments those about the mean, in the order of `SUMS`; `sums` begins with them."""
+    one, zero = float32(1), float32(0)
+    for i in range(expected.size):
+        total = sums[0, i]
+        if total > 0:
+            x, y, mean = sums[1, i] / total, sums[2, i] / total, sums[3, i] / total
+            sums[4, i] -= total * x * x
+            sums[5, i] -= total * x * y
+            sums[6, i], sums[7, i] = sums[7, i] - total * y * y, sums[6, i] - sums[3, i] * x
+            sums[8, i] -= sums[3, i] * y
+            sums[9, i] = max(sums[9, i] - sums[3, i] * mean, zero)
+            sums[10, i] *= one - one / sums[11, i]
+            sums[0, i], sums[1, i], sums[2, i], sums[3, i] = mean + expected[i], total, x, y
+        else:
+            sums[:, i] = zero
+
+
+@kernel()
+def _lines(pupil: Floats, aside: Floats, chosen: Whole, still: bool) -> tuple[Whole, Whole, Whole]:
+    """Line of views that each is of, along both axes, which look from alike; one view of each line, and their count.
+
+    All are of one line where views look from other places all over.
+    """
+    line, one, count = (
+        np.zeros((2, pupil.shape[1]), np.int64),
+        np.zeros((2, chosen.size), np.int64),
+        np.ones(2, np.int64),
+    )
+    for axis in range(2 if still else 0):
+        n = 0
+        for k in chosen:
+            g = 0
+            while g < n and (
+                pupil[axis, one[axis, g], 0, 0] != pupil[axis, k, 0, 0]
+                or aside[axis, one[axis, g], 0, 0] != aside[axis, k, 0, 0]
+            ):
+                g += 1
+            one[axis, g], line[axis, k], n = k, g, max(n, g + 1)
+        count[axis] = n
+    return line, one, count
 
 
 @kernel(parallel=True)
 def common(
-    splines: Samples, cells: Samples, pupil: Floats, aside: Floats, still: bool, chosen: Whole, disparity: Floats,
-    picture: Floats, peak: Floats, steps: tuple[float, float], electrons: float, read: float, brightest: float,
-    robust: float, out: Floats,
+    splines: Samples, cells: Samples, pupil: Floats, aside: Floats, still: bool, even: bool, chosen: Whole,
+    disparity: Floats, picture: Floats, peak: Floats, steps: tuple[float, float], electrons: float, read: float,
+    brightest: float, robust: float, out: Floats, slot: Whole, each: Samples,
 ) -> None:  # fmt: skip
     """Moments of chosen views about each microlens of `picture`, warped back by `disparity` and `aside`; see `SUMS`.
 
     Weights are the inverse variance that `picture`, not the noisy sample, predicts; beyond `robust` standard errors
     from it they fall as Huber's. Where `peak`, the brightest about a microlens, makes more than `brightest` electrons,
     nothing is used: what by chance did not saturate would be dark by selection. `still`: each view looks from one
-    place and to one side all over. `out` may have the first of the maps alone; it stays where no disparity is a number.
+    place and to one side all over; `even`: all samples have the same light, and none is near saturation. `out` stays
+    where no disparity is a number. Views with a `slot` leave there what they show and its weights (slot, 2, v, u).
     """
     rows, columns = disparity.shape
     one, zero = float32(1), float32(0)
-    for v in prange(rows):
-        at, some = np.empty(columns, np.int64), 0
-        for u in range(columns):
-            if not math.isnan(disparity[v, u]):
-                at[some] = u
-                some += 1
-        # Each of its own: of what might overlap the compiler makes no vectors.
-        sums, pupils = np.zeros((SUMS, some), float32), np.ones((3, some), float32)
-        left, above = np.zeros(some, np.int64), np.zeros(some, np.int64)
-        light, weight, f, g = _zeros(some), _zeros(some), _zeros(some), _zeros(some)
-        expected, moves, part, value = _zeros(some), _zeros(some), _zeros(some), _zeros(some)
-        for i in range(some):
-            expected[i], moves[i] = picture[v, at[i]], disparity[v, at[i]]
-        for k in chosen:
-            if still:
-                along, over = pupil[0, k, v, 0], pupil[1, k, v, 0]
-                _split(moves, float32(along / steps[0]), float32(aside[0, k, v, 0] / steps[0]), left, f)
-                _split(moves, float32(over / steps[1]), float32(aside[1, k, v, 0] / steps[1]), above, g)
-                pupils[1], pupils[2] = float32(along), float32(over)
-                _place(at[:some], v, cells[k], left, above, f, g, light)
-            else:
+    line, example, lines = _lines(pupil, aside, chosen, still)
+    most = lines.max()
+    for tile in prange((rows + _TILE - 1) // _TILE):
+        # Room for a row, had once for many of them: new pages are slow to come by.
+        places, room = np.zeros((2, columns), np.int64), np.zeros((8, columns), float32)
+        sums, pupils = np.zeros((SUMS, columns), float32), np.ones((2, columns), float32)
+        first, ends = np.zeros((2, most, columns), np.int64), np.zeros((2, most, columns), np.int64)
+        taps, parts = np.zeros((2, most, TAPS, columns), float32), np.zeros((2, most, columns), float32)
+        inside, kept = np.zeros((2, most, columns), float32), np.zeros((2, most, columns), float32)
+        for v in range(tile * _TILE, min(tile * _TILE + _TILE, rows)):
+            every, some = places[0], 0
+            for u in range(columns):
+                if not math.isnan(disparity[v, u]):
+                    every[some] = u
+                    some += 1
+            if some == 0:
+                continue
+            at, own = places[0, :some], places[1, :some]
+            light, whole, root, lit = room[0, :some], room[1, :some], room[2, :some], room[3, :some]
+            expected, moves, weight, value = room[4, :some], room[5, :some], room[6, :some], room[7, :some]
+            sums[:], own[:] = zero, v
+            for i in range(some):
+                expected[i], moves[i] = picture[v, at[i]], disparity[v, at[i]]
+            for axis in range(2 if still else 0):
+                for n in range(lines[axis]):
+                    k, begin, size = example[axis, n], at if axis == 0 else own, columns if axis == 0 else rows
+                    slope, off = pupil[axis, k, v, 0] / steps[axis], aside[axis, k, v, 0] / steps[axis]
+                    f = parts[axis, n, :some]
+                    _place(moves, float32(slope), float32(off), begin, size, first[axis, n], f)
+                    _prepare(first[axis, n], 1 - axis, f, ends[axis, n], taps[axis, n], inside[axis, n], kept[axis, n])
+            if even:
+                light[:] = cells[0, 0, 0] * float32(electrons)
+                _inform(light, expected, float32(read * read), whole, root)
+            for k in chosen:
+                g, h = line[0, k], line[1, k]
+                left, above, f, over = first[0, g], first[1, h], parts[0, g], parts[1, h]
+                if still:
+                    pupils[0], pupils[1] = pupil[0, k, v, 0], pupil[1, k, v, 0]
+                else:
+                    _place_each(k, v, at, disparity, pupil, aside, steps, left, above, f, over, pupils)
+                    for axis in range(2):
+                        own_f, axis_ends, axis_taps = parts[axis, 0, :some], ends[axis, 0], taps[axis, 0]
+                        _prepare(first[axis, 0], 1 - axis, own_f, axis_ends, axis_taps, inside[axis, 0], kept[axis, 0])
                 for i in range(some):
-                    u = at[i]
-                    light[i] = zero
-                    along, over = pupil[0, k, v, u], pupil[1, k, v, u]
-                    x = u + (disparity[v, u] * along + aside[0, k, v, u]) / steps[0]
-                    y = v + (disparity[v, u] * over + aside[1, k, v, u]) / steps[1]
-                    if not (x >= 0 and y >= 0 and x <= columns - 1 and y <= rows - 1):
-                        continue
-                    # The pupil coordinate is that of the microlens whose light this is, not of the one it is warped to.
-                    there, below = int(x + 0.5), int(y + 0.5)
-                    near, lower = pupil[0, k, below, there], pupil[1, k, below, there]
-                    if near != along or lower != over:
-                        along, over = near, lower
-                        x = u + (disparity[v, u] * along + aside[0, k, v, u]) / steps[0]
-                        y = v + (disparity[v, u] * over + aside[1, k, v, u]) / steps[1]
-                        if not (x >= 0 and y >= 0 and x <= columns - 1 and y <= rows - 1):
-                            continue
-                    a, b = min(int(x), columns - 2), min(int(y), rows - 2)
-                    left[i], above[i], f[i], g[i] = a, b, x - a, y - b
-                    pupils[1, i], pupils[2, i] = along, over
-                    light[i] = cells[k, b, a]
-            for i in range(some):
-                charge = light[i] * float32(electrons)
-                light[i] = charge if charge * peak[v, at[i]] < brightest else zero
-            _interpolate(splines[k], light, left, above, f, g, value)
-            _weigh(light, expected, float32(read * read), float32(robust), value, weight)
-            _add_moments(light, weight, pupils, value, f, g, sums, part)
-        for i in range(some):
-            total = sums[0, i]
-            if total > 0:
-                x, y, mean = sums[1, i] / total, sums[2, i] / total, sums[3, i] / total
-                sums[4, i] -= total * x * x
-                sums[5, i] -= total * x * y
-                sums[6, i], sums[7, i] = sums[7, i] - total * y * y, sums[6, i] - sums[3, i] * x
-                sums[8, i] -= sums[3, i] * y
-                sums[9, i] = max(sums[9, i] - sums[3, i] * mean, zero)
-                sums[10, i] *= one - one / sums[11, i]
-                sums[0, i], sums[1, i], sums[2, i], sums[3, i] = mean + expected[i], total, x, y
-            else:
-                sums[:, i] = zero
-        for a in range(out.shape[0]):
-            here, there = out[a, v], sums[a]
-            for i in range(some):
-                here[at[i]] = there[i]
+                    lit[i] = inside[0, g, i] * inside[1, h, i]
+                if not even:
+                    for i in range(some):
+                        charge = cells[k, above[i], left[i]] * float32(electrons) if lit[i] > zero else zero
+                        light[i] = charge if charge * peak[v, at[i]] < brightest else zero
+                        lit[i] = one if light[i] > zero else zero
+                    _inform(light, expected, float32(read * read), whole, root)
+                _interpolate(splines[k], left, above, ends[0, g], ends[1, h], taps[0, g], taps[1, h], value)
+                _weigh(lit, expected, whole, root, float32(robust), value, weight)
+                if slot[k] >= 0:
+                    shown, weights = each[slot[k], 0, v], each[slot[k], 1, v]
+                    for i in range(some):
+                        shown[at[i]], weights[at[i]] = value[i] + expected[i], weight[i]
+                _add_moments(lit, weight, pupils[0], pupils[1], value, kept[0, g], kept[1, h], sums)
+            _centre(expected, sums)
+            for a in range(out.shape[0]):
+                here, there = out[a, v], sums[a]
+                for i in range(some):
+                    here[at[i]] = there[i]
+
+
+@kernel(parallel=True)
+def add_pulls(
+    each: Samples, pupil: Floats, chosen: Whole, sums: Floats, slope_u: Floats, slope_v: Floats, known: Flags,
+    windows: Whole, square: Floats, information: Floats,
+) -> None:  # fmt: skip
+    """Sums of squares of how views pull windows, and their information, each of shape (window, v, u).
+
+    `each` as `common` leaves it for the views `chosen`, `sums` as it makes them of all.
+    """
+    rows, columns = known.shape
+    beside = windows.max() // 2
+    for tile in prange((rows + _TILE - 1) // _TILE):
+        top, bottom = tile * _TILE, min(tile * _TILE + _TILE, rows)
+        low, high = max(top - beside, 0), min(bottom + beside, rows)
+        pull, lent = np.zeros((high - low, columns)), np.zeros((high - low, columns))
+        down, total = np.zeros(columns + 2 * beside), np.zeros(columns)
+        inner = down[beside : beside + columns]
+        for n in range(chosen.size + 1):
+            last = n == chosen.size
+            if not last:
+                k = chosen[n]
+                for v in range(low, high):
+                    shown, weight, along, over = each[n, 0, v], each[n, 1, v], pupil[0, k, v], pupil[1, k, v]
+                    mean, x, y, su, sv = sums[0, v], sums[2, v], sums[3, v], slope_u[v], slope_v[v]
+                    here, there, some = pull[v - low], lent[v - low], known[v]
+                    for u in range(columns):
+                        moved = su[u] * (along[u] - x[u]) + sv[u] * (over[u] - y[u]) if some[u] else 0.0
+                        here[u] = weight[u] * moved * (shown[u] - mean[u])
+                        there[u] += weight[u] * moved * moved
+            for w in range(windows.size):
+                reach = windows[w] // 2
+                for v in range(top, bottom):
+                    inner[:], total[:] = 0.0, 0.0
+                    for b in range(max(v - reach, 0), min(v + reach + 1, rows)):
+                        _add(lent[b - low] if last else pull[b - low], 1.0, inner)
+                    for a in range(-reach, reach + 1):
+                        _add(down[beside + a :], 1.0, total)
+                    to = information[w, v] if last else square[w, v]
+                    for u in range(columns):
+                        to[u] += total[u] if last else total[u] * total[u]

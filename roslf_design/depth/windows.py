@@ -38,6 +38,8 @@ class SharedLight:
     """Pitches between samples along u and v."""
     density: float
     """Microlenses a sample."""
+    each: NDArray[np.float32]
+    """Values of some views there, and their weights, shape (view, 2, v, u)."""
 
     @cached_property
     def gradient(self) -> tuple[Array, Array, Flags]:
@@ -106,6 +108,12 @@ class WindowFit:
             _fit_windows.compiled(near, reach, wide, look.disparity, some, QUORUM * window**2, look.density, fit)
         return cls(*fit)._beside(window // 2) if alone is None else cls(*fit)
 
+    @property
+    def maps(self) -> Array:
+        """All of them, shape (11, v, u), which they are parts of."""
+        assert self.disparity.base is not None
+        return self.disparity.base
+
     def misfit(self, least: float = 0.0) -> Array:
         """Larger of `chi2` and `strain` against what chance, or `least`, allows: above 1 is at odds."""
         chi2 = self.chi2 / np.maximum(chance(self.free), least)
@@ -126,8 +134,7 @@ class WindowFit:
     def _beside(self, reach: int) -> WindowFit:
         """Where a window is at odds with itself or knows too little, the best beside it that holds the microlens."""
         # At the edge of what is lit, the windows about a microlens lie half in the dark.
-        fit = np.stack([*vars(self).values()])
-        moved = fit.copy()
+        fit, moved = self.maps, self.maps.copy()
         with THREADS:
             _move_beside.compiled(fit, np.where(np.isfinite(self.sigma), self.misfit(), np.inf), reach, moved)
         return WindowFit(*moved)
@@ -213,10 +220,12 @@ def _fit_windows(
     rows, columns = disparity.shape
     for v in prange(rows):
         near, down = np.zeros(TERMS), np.zeros((TERMS, columns))
-        for k in range(TERMS):
+        for k in range(TERMS if some[v].any() else 0):
+            line = down[k]
             for b in range(max(v - reach, 0), min(v + reach + 1, rows)):
+                there = terms[k, b]
                 for u in range(columns):
-                    down[k, u] += terms[k, b, u]
+                    line[u] += there[u]
         for u in range(columns):
             if not some[v, u]:
                 for k in range(11):

@@ -27,6 +27,7 @@ from studies.depth.made_views import KEPT_BACK, SEEN, TRAINING, MadeViews, made
 Floats = NDArray[np.float64]
 
 OUT = Path("reports/depth-views")
+NAME = "input_Cam{:03d}.png"
 SEED = 202
 OFF = 0.07
 """Error beyond which a disparity is bad [px from view to view]."""
@@ -50,6 +51,7 @@ class Row(NamedTuple):
     plain_off: float
     """As `off`, of all pixels, of the structure tensor."""
     plain_seconds: float
+    """Of processor, its 17 files read."""
     dense_off: float
     """As `off`, of the pixels filled in."""
     dense_rms: float
@@ -60,15 +62,19 @@ class Row(NamedTuple):
     """Share of these within the errors reported."""
 
 
-def structure_tensor(views: NDArray[np.float32], inner: float = 0.8, outer: float = 2.0) -> Floats:
-    """Disparity by the orientation of the middle row's and column's epipolar-plane images, weighted by coherence."""
-    half = len(views) // 2
-    total, weights = np.zeros(views.shape[2:]), np.zeros(views.shape[2:])
-    for turned, row in ((False, views[half]), (True, views[:, half].transpose(0, 2, 1))):
-        along, over = (
-            ndimage.gaussian_filter(row.astype(float), (inner, 0, inner), order=order)
-            for order in ((0, 0, 1), (1, 0, 0))
-        )
+def structure_tensor(folder: Path, across: int, inner: float = 0.8, outer: float = 2.0) -> Floats:
+    """Disparity by the orientation of the middle row's and column's epipolar-plane images, weighted by coherence.
+
+    Of the views, so many `across`, in a folder it reads no others.
+    """
+    half = across // 2
+    cross = {half * across + k for k in range(across)} | {k * across + half for k in range(across)}
+    views = {k: np.asarray(Image.open(folder / NAME.format(k)), float) for k in cross}
+    total, weights = np.zeros((2, *views[half].shape))
+    for turned in (False, True):
+        chosen = (views[k * across + half].T if turned else views[half * across + k] for k in range(across))
+        row = np.stack([*chosen])
+        along, over = (ndimage.gaussian_filter(row, (inner, 0, inner), order=order) for order in ((0, 0, 1), (1, 0, 0)))
         xx, xs, ss = (ndimage.gaussian_filter(part, outer)[half] for part in (along**2, along * over, over**2))
         slope = np.tan(0.5 * np.arctan2(2 * xs, xx - ss))
         coherence = ((xx - ss) ** 2 + 4 * xs**2) / np.maximum((xx + ss) ** 2, 1e-9)
@@ -81,7 +87,7 @@ def structure_tensor(views: NDArray[np.float32], inner: float = 0.8, outer: floa
 def written(folder: Path, light_field: MadeViews) -> None:
     """Write views and truth as the 4D Light Field Benchmark names them."""
     for k, view in enumerate(light_field.views.reshape(-1, *light_field.views.shape[2:])):
-        Image.fromarray(view.astype(np.uint8)).save(folder / f"input_Cam{k:03d}.png", compress_level=1)
+        Image.fromarray(view.astype(np.uint8)).save(folder / NAME.format(k), compress_level=1)
     (folder / TRUTH).write_bytes(pfm_bytes(light_field.disparity))
 
 
@@ -93,9 +99,9 @@ def measured(scene: str, light_field: MadeViews) -> Row:
         start = time.process_time()
         run = captured(Path(place), CaptureOptions()).first
         seconds = time.process_time() - start
-    start = time.process_time()
-    plain = structure_tensor(light_field.views)
-    plain_seconds = time.process_time() - start
+        start = time.process_time()
+        plain = structure_tensor(Path(place), len(light_field.views))
+        plain_seconds = time.process_time() - start
     known = run.measured
     error, sigma = np.abs(run.depth - true)[known], run.sigma[known]
     filled = ~known & np.isfinite(run.dense_sigma)
@@ -119,7 +125,7 @@ def table(rows: list[Row], title: str) -> Table:
     note = (
         f"Off: by more than {OFF:g} px from view to view, of those known; the structure tensor always "
         "answers. Reported: middle one of the errors [px]; 68 % lie within those that are right. Processor time on one "
-        "thread; that of the structure tensor without reading files."
+        "thread from files to disparities: 81 read here, 17 by the structure tensor; filling in comes on top."
     )
     return Table(cells, "lrrrrrrr", heads, title, note)
 
@@ -135,7 +141,7 @@ def bars(rows: list[Row]) -> Table:
          all(row.off <= MOST_OFF for row in rows)),
         ("within reported", "60 to 76 %", f"{100 * min(inside):.0f} to {100 * max(inside):.0f} %",
          all(INSIDE[0] <= share <= INSIDE[1] for share in inside)),
-        ("time, over a structure tensor's", "at most 4", f"{times:.0f}", times <= MOST_TIMES),
+        ("time, over a structure tensor's", "at most 4", f"{times:.1f}", times <= MOST_TIMES),
     )  # fmt: skip
     note = (
         "The structure tensor works on the middle row and column of views, 17 of 81, and reports no errors; here all "
