@@ -32,8 +32,9 @@ ROWS = 64
 SHARPEST = 8
 """Periods of the finest detail that diffraction passes, in one pitch, beyond which information is extrapolated in its
 inverse: that grows as the blur shrinks, nearly in proportion. Right to 1 %."""
-TABLED, MIDPOINTS = 128, 16
-"""Places in a unit of z at which Bessel functions are tabled; angles that they take, and one more in four units."""
+TABLED, MIDPOINTS, FARTHEST = 128, 16, 255.0
+"""Places in a unit of z at which Bessel functions are tabled; angles that they take, and one more in four units; z
+beyond which SciPy's are asked, as tables would fill the memory."""
 FULL, FULL_SIGMAS = 5e-3, 2.576
 """Share of pixels that is let be full, and beyond how many standard deviations it lies."""
 VALUES, CACHED = 2**15, 2**14
@@ -379,13 +380,18 @@ def _bessel_quotients(square: Array) -> tuple[Array, Array]:
 
     Taylor series about tabled places: by z^2, ``J_n/z^n`` changes by ``-J_(n+1)/z^(n+1)/2``.
     """
-    node = np.rint(TABLED * np.sqrt(square)).astype(np.intp)
-    step = (np.square(node / TABLED) - square) / 2
+    near = np.minimum(square, FARTHEST**2)
+    node = np.rint(TABLED * np.sqrt(near)).astype(np.intp)
+    step = (np.square(node / TABLED) - near) / 2
     one, two, three, four, five = (table[node] for table in _bessel_tables(int(node.max(initial=1)).bit_length()))
-    return (
-        one + step * (two + step / 2 * (three + step / 3 * four)),
-        two + step * (three + step / 2 * (four + step / 3 * five)),
-    )
+    first = one + step * (two + step / 2 * (three + step / 3 * four))
+    second = two + step * (three + step / 2 * (four + step / 3 * five))
+    if (far := square > near).any():
+        from scipy.special import j1, jv
+
+        z = np.sqrt(square[far])
+        first[far], second[far] = j1(z) / z, jv(2, z) / np.square(z)
+    return first, second
 
 
 @functools.lru_cache
