@@ -265,7 +265,7 @@ def test_the_nearest_microlens_is_one_and_near():
     inner = nearest_microlens(PAPER, corner, inward=True)
     assert all(a <= b + 0.002 * PAPER.d for a, b in zip(inner, corner, strict=True))
     assert all(b - a < 1.01 * PAPER.d for a, b in zip(inner, corner, strict=True))
-    with pytest.raises(InputError, match="microlens_array.pitch: 900 mm leaves no whole microlens on the array"):
+    with pytest.raises(InputError, match=r"microlens_array\.pitch: 900 mm leaves no whole microlens on the array"):
         microlens_image(PAPER.replace(d=900.0), (0.0, 0.0))
 
 
