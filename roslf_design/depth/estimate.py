@@ -818,16 +818,17 @@ def straightened(disparity: Array, window: int, times: int = 1) -> Array:
 
     Its bend is that of two windows' width, less noisy than each one's own, and near the field's rims the nearest. Where
     the field is large enough, windows that its rims crop or that hold its outermost microlenses take no part: views of
-    these look past the picture, and what they have of neighbours' light is not all known.
+    these look past the picture, and what they have of neighbours' light is not all known. Nor do windows that see both
+    sides of a step.
     """
     from scipy import ndimage
 
     lag, most = window // 2 + 2, (min(disparity.shape) - 1) // 2
     if most < lag:
         return disparity
-    rim = min(lag + window // 2 + 1, most)
-    stepped = ndimage.maximum_filter(beside_steps(disparity), 2 * lag + 1)
-    bent = np.where(stepped, 0, _bent(disparity, window))[rim:-rim, rim:-rim]
+    rim, steps = min(lag + window // 2 + 1, most), beside_steps(disparity)
+    stepped, mixed = (ndimage.maximum_filter(steps, 2 * reach + 1) for reach in (lag, rim))
+    bent = np.where(mixed, 0, _bent(disparity, window))[rim:-rim, rim:-rim]
     bend = np.pad(ndimage.uniform_filter(bent, 2 * window + 1, mode="nearest"), rim, mode="edge")
     return disparity - np.where(stepped, 0, times * bend)
 
