@@ -33,6 +33,8 @@ FARTHEST = 1e-12
 """A plane whose image lies at infinity is taken to lie this inverse magnification away: results are off by as much."""
 TELECENTRIC = 1e-6
 """Size of the FAP over that of its image before all elements, below which the image is taken to lie at infinity."""
+COLLIDE = "collide"
+"""Last word on two parts of the bore that stand in each other."""
 MEDIUM = "object_space.index"
 COVER, SUBSTRATE = "sensor.cover", "microlens_array.substrate"
 
@@ -198,11 +200,11 @@ class BoreWalk(NamedTuple):
         """Pairs of elements and stops that might stand in each other, in words, and True where they do not."""
         for part, (name, stop) in product(self.parts, stops.items()):
             clear = np.less_equal(stop, part.start) | np.greater_equal(stop, part.end)
-            yield f"{name} and {part.name} collide", clear
+            yield f"{name} and {part.name} {COLLIDE}", clear
         for part, farther in pairwise(self.parts):
             wide, tall = part.diameter, farther.diameter
             between = part.element.reach(wide, tall / 2) + farther.element.reach(tall, wide / 2)
-            yield f"{part.name} and {farther.name} collide", np.less_equal(part.end + between, farther.start)
+            yield f"{part.name} and {farther.name} {COLLIDE}", np.less_equal(part.end + between, farther.start)
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,6 @@ ASIDE = ("layout", "lens_shape", "colours", "source")
 """Keys that may be left out, on which none hangs either."""
 GLASSES = ({"index": 1.1}, {"index": 3.0})
 """Materials in place of one that could not be read: what is wrong with both is wrong whatever it should be."""
-"""Largest relative difference between a given focal length and the lens's own that counts as rounding."""
 
 
 class DesignError(InputError):

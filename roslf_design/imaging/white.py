@@ -39,6 +39,8 @@ ACROSS = tuple(
     for u, a in zip(_NODES, _SHARES, strict=True)
 )
 """Places on a microlens, over their root mean square along each axis, and shares of its light that stand for all."""
+MIDDLE = ((0.0, 0.0, 1.0),)
+"""Place of the middle, and all of the light."""
 MOST_ORDERS = 200
 """Harmonics along an axis beyond which there are too many to add up."""
 MOST_ROWS = 3000
@@ -138,41 +140,37 @@ class WhiteGeometry:
         x, y = pixel_centres(self.camera, region, fine)
         pixel = float(self.camera.q) / fine
         ends = x[0] - pixel / 2, x[-1] + pixel / 2, y[0] - pixel / 2, y[-1] + pixel / 2
-        axes, openings = self._openings(*ends, (0.0, 0.0))
+        axis = self.lattice.microlens(self.lattice.indices(*ends))
+        middle = self._stops(axis)
         width, height = self.camera.pixels
         # Pixels are counted on the whole sensor and a frame around it: a value does not depend on the region.
         first_row, first_column = (region.row + FRAME) * fine, (region.column + FRAME) * fine
-        places = ACROSS if self.across and openings.total > 1 else ACROSS[:1]
         total = np.zeros((y.size, x.size))
-        for along, down, share in places:
-            at = self.across * along, self.across * down
-            some = openings if len(places) == 1 else self._openings(*ends, at)[1]
-            total += (share if len(places) > 1 else 1.0) * np.asarray(
-                some.coverage(
-                    axes,
-                    pixel=pixel,
-                    size=((width + 2 * FRAME) * fine, (height + 2 * FRAME) * fine),
-                    window=(slice(first_row, first_row + y.size), slice(first_column, first_column + x.size)),
-                    parallel=True,
-                )
+        for along, down, share in ACROSS if self.across and _cutting(middle).total > 1 else MIDDLE:
+            beside = self.across * np.array([along, down])
+            openings = self._stops(axis + beside) if beside.any() else middle
+            # All of a microlens shows the FAP in one place, and other stops where each part sees them.
+            openings = openings.moved(middle.centres[..., 0, :] - openings.centres[..., 0, :])
+            cover = _cutting(openings).coverage(
+                axis - np.array(self.camera.decentre("sensor")),
+                pixel=pixel,
+                size=((width + 2 * FRAME) * fine, (height + 2 * FRAME) * fine),
+                window=(slice(first_row, first_row + y.size), slice(first_column, first_column + x.size)),
+                parallel=True,
             )
+            total += share * np.asarray(cover)
         return total
 
-    def _openings(
-        self, left: float, right: float, low: float, high: float, at: tuple[float, float]
-    ) -> tuple[Floats, Openings]:
-        """Microlens axes in the sensor's frame (n, 2), openings that cut relative to them as seen beside them [mm]."""
-        axis = self.lattice.microlens(self.lattice.indices(left, right, low, high))
-        openings, *moved = (
-            stop_openings(self.camera, *place.T) if self.exact is None else self.exact.at(*place.T)
-            for place in ((axis, axis + np.array(at)) if any(at) else (axis,))
-        )
-        for one in moved:  # all of a microlens shows the FAP in one place, and other stops where each part sees them
-            openings = one.moved(openings.centres[..., 0, :] - one.centres[..., 0, :])
-        cuts = np.any(openings.rooms < 0, axis=0, keepdims=True)[0]
-        cuts[0] = True
-        place = axis - np.array(self.camera.decentre("sensor"))
-        return place, openings.some(np.flatnonzero(cuts).tolist())
+    def _stops(self, axis: Floats) -> Openings:
+        """Openings as seen from places on the array (n, 2), relative to them [mm]."""
+        return stop_openings(self.camera, *axis.T) if self.exact is None else self.exact.at(*axis.T)
+
+
+def _cutting(openings: Openings) -> Openings:
+    """The FAP's opening, and those that cut it anywhere."""
+    cuts = np.any(openings.rooms < 0, axis=0, keepdims=True)[0]
+    cuts[0] = True
+    return openings.some(np.flatnonzero(cuts).tolist())
 
 
 def add_falloff(image: Image, camera: Camera, x: Floats, y: Floats) -> Image:

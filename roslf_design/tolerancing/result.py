@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from .._arrays import Array, by_value
 from ..accuracy.statement import Accuracy, check_accuracy
+from ..bore.chain import COLLIDE
 from ..camera import Camera
 from ..design import Design, save
 from ..design.files import WRITTEN
@@ -166,15 +167,15 @@ class StudyResult:
 
         The share is 0 of what the nominal design misses.
         """
-        design, told = self.plan.question.design, []
+        design, short = self.plan.question.design, []
         counted = {(limit.label, limit.low, limit.high) for limit in self.final.limits}
         for one in required_of(design, self.built):
             alone = one.met and limit_of(one) not in counted and of_builds(one, bool(design.main_lens.kind.mounted))
             share = share_that_meets(self.plan, self.final, one) if alone else float(one.met)
             if share < self.study.yield_target and limit_of(one) not in counted:
                 met = f"{one.label} {one.limits}, which {100 * share:.1f} % of builds meet"
-                told.append((met if one.met else missed_words([one]), share))
-        return tuple(told)
+                short.append((met if one.met else missed_words([one]), share))
+        return tuple(short)
 
     @property
     def left_out(self) -> str:
@@ -345,7 +346,7 @@ def analyse(
     tell()
     lost, room = variants[-1].impossible, (1 - TOGETHER) * plan.trials
     # What stands in the bore collides wherever the array is.
-    collide = max((count for words, count in variants[-1].faults if words.endswith(" collide")), default=0)
+    collide = max((count for words, count in variants[-1].faults if words.endswith(COLLIDE)), default=0)
     return StudyResult(
         plan=plan,
         study=study,
