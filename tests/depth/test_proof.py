@@ -87,7 +87,8 @@ def tried(name, scene, lights, exposures=3):
 
 def test_noise_of_each_camera_scene_and_light_is_its_own():
     """One noise for all makes one error of many, which pooled figures take for independent ones."""
-    views = [view_of(name, cameras()[name], scene) for name in ("paper", "drawn 18") for scene in SCENES]
+    names, parts = ("paper", "drawn 18"), (1, 2)
+    views = [view_of(name, cameras()[name], scene, part=part) for name in names for scene in SCENES for part in parts]
     seeds = [view.seed(light) for view in views for light in range(len(LIGHTS))]
     assert len({*seeds}) == len(seeds)
     assert seeds[0] == view_of("paper", cameras()["paper"], SCENES[0]).seed(0)
