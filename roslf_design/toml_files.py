@@ -142,7 +142,8 @@ def nearest(
     A slip of the pen counts first, then words that a name shares with others and with their `meanings`, then letters,
     alike by `least`.
     """
-    name = ELSEWHERE[name] if ELSEWHERE.get(name) in known else name
+    other = difflib.get_close_matches(name, [one for one in ELSEWHERE if ELSEWHERE[one] in known], 1, SLIP)
+    name = ELSEWHERE[other[0]] if other and name not in known else name
     near = difflib.get_close_matches(name, known, 1, SLIP) or _alike(name, meanings or dict.fromkeys(known, ""))
     near = near or difflib.get_close_matches(name, known, 1, least)
     return f"did you mean {' or '.join(map(repr, near))}?" if near else otherwise or f"known here: {', '.join(known)}"

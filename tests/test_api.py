@@ -76,6 +76,8 @@ def test_a_tolerance_study_runs_in_this_process(tmp_path):
     result = roslf.tolerance(tmp_path / "study.toml", trials=256, seed=3)
     assert 0 <= result.final.result.value <= 1
     assert result.to_dict()
+    assert f"{result.final.result.value:.2%}" in str(result)
+    assert len(str(result)) < 300  # not all its arrays
 
 
 BAD = (

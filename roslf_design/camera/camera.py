@@ -27,6 +27,7 @@ from ..design import Design, DesignError, Problem
 from ..design.growth import Growth
 from ..design.parts import BEHIND, PATHS, Colours, Layout, Symbols
 from ..lenses.angles import AngleMap
+from ..toml_files import nearest
 from .frames import Frame, Vector, along, cross, dot, frame, total
 from .lengths import ApparentLengths, RulerLengths
 from .numbers import TIP, TYPES, numbers_of, possible
@@ -152,7 +153,8 @@ class Camera(Symbols[Number]):
         given = self._widened(given)
         for place, value in given.items():
             if place not in numbers:
-                raise DesignError((Problem(place, "is not a number of this design"),))
+                hint = nearest(place, [*PATHS, *numbers])
+                raise DesignError((Problem(place, f"is not a number of this design; {hint}"),))
             numbers[place] = _number(value)
         if PATHS["wavelength"] in given:
             if unknown := self.lens.follows - given.keys():

@@ -147,7 +147,12 @@ def _mended(data: Mapping[str, Any], problems: Sequence[Problem], glass: Mapping
 
 
 def cross_check(
-    values: Mapping[str, float | None], lens: MainLensKind, *, turned: bool, bends: bool = False
+    values: Mapping[str, float | None],
+    lens: MainLensKind,
+    *,
+    turned: bool,
+    bends: bool = False,
+    stated: Mapping[str, float | None] | None = None,
 ) -> tuple[Problem, ...]:
     """Faults between values that are each right on their own.
 
@@ -161,12 +166,14 @@ def cross_check(
         Whether it is to stand the other way round.
     bends : bool
         Whether anything before the main lens bends light, so that what is in focus may be seen at infinity and beyond.
+    stated : mapping, optional
+        Lengths as the design states them, where the main lens sees others through what stands before it.
     """
     known = PATHS["wavelength"] in values
     wavelength = (values[PATHS["wavelength"]] or Light().wavelength) if known else None
     problems = list(lens.about(values, turned, wavelength))
     values = lens.settled(values, None if problems else wavelength)
-    problems += _about_conjugates(values, bends)
+    problems += _about_conjugates(values, bends, stated or {})
     f, d_f, d_1 = (values.get(key) for key in CONJUGATES)
     if d_f is None and f is not None and d_1 is not None and d_1 > f:
         d_f = float(followed({FOCAL: f, DISTANCE: d_1}, PLANE))
@@ -176,7 +183,9 @@ def cross_check(
     return tuple(problems)
 
 
-def _about_conjugates(values: Mapping[str, float | None], bends: bool) -> Iterator[Problem]:
+def _about_conjugates(
+    values: Mapping[str, float | None], bends: bool, stated: Mapping[str, float | None]
+) -> Iterator[Problem]:
     if any(key not in values for key in CONJUGATES):
         return
     given = {key: value for key in CONJUGATES if (value := values[key]) is not None}
@@ -188,8 +197,9 @@ def _about_conjugates(values: Mapping[str, float | None], bends: bool) -> Iterat
         near = [key for key in near if key == PLANE and given[key] > 0]
     for key in near:
         focal = f"the focal length {shown(given[FOCAL])}"
-        seen = f"{shown(given[key])}{', as the main lens sees it,' if bends else ''}"
-        yield Problem(key, f"{seen} is not beyond {focal}, so no real image forms; make it longer")
+        as_seen, typed = shown(given[key]), shown(stated.get(key) or given[key])
+        subject = as_seen if typed == as_seen else f"{typed}, which the main lens sees at {as_seen},"
+        yield Problem(key, f"{subject} is not beyond {focal}, so no real image forms; make it longer")
     if not (missing or near) and abs(residual := float(conjugate_residual(*given.values()))) > RESIDUAL_LIMIT:
         ways = " or ".join(f"{key} (it would become {shown(float(followed(given, key)))})" for key in (DISTANCE, PLANE))
         message = f"f, d_f and d_1 contradict each other: f/d_f + f/d_1 - 1 = {residual:.4g}, not 0; drop {ways}"

@@ -54,7 +54,8 @@ class Design(Assembly):
         except InputError as error:  # a glass that is not known at the design's wavelength
             faults = tuple(Problem(PATHS["wavelength"], problem.message) for problem in error.problems)
             raise PydanticCustomError(MISFIT, "parts do not fit", {"problems": faults}) from None
-        problems = cross_check(apparent, self.main_lens.kind, turned=self.main_lens.reversed, bends=chain.bends)
+        lens, turned = self.main_lens.kind, self.main_lens.reversed
+        problems = cross_check(apparent, lens, turned=turned, bends=chain.bends, stated=values)
         if not chain.in_air or self.object_space.medium != AIR:
             problems += about_elements(self, problems)
         mapped = "" if problems else chain.mapped

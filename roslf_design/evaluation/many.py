@@ -30,7 +30,7 @@ def evaluate_many(
     designs: Mapping[str, Design | str | Path] | Iterable[Design | str | Path],
     quantities: Sequence[str] = ANSWERS,
     *,
-    at: float | Sequence[float] | None = None,
+    at: float | tuple[float] | None = None,
     temperature: float | str | None = None,
 ) -> QuantityTable:
     """Quantities of many designs as a table: a row a design, a column a quantity.
@@ -45,8 +45,8 @@ def evaluate_many(
     quantities : sequence of str
         Names in `QUANTITIES`, of whole cameras.
     at : float, optional
-        Distance ahead of the bore's tip for quantities that are asked for at one [mm], a list of one too; None is the
-        focal plane.
+        Distance ahead of the bore's tip for quantities that are asked for at one [mm], of a single one as `evaluate`
+        takes several; None is the focal plane.
     temperature : float or str, optional
         Of every camera, as for `evaluate`.
 

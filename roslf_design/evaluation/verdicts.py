@@ -375,7 +375,8 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
         if silent := not_named(design):
             yield (
                 f"nothing says how {listed([*silent])} would grow with temperature, so lengths stay as "
-                "the file has them: name their materials (housing in [environment], material of parts)"
+                "the file has them: name their materials (housing in [environment]; material in [main_lens], "
+                "[microlens_array] and the elements)"
             )
         if unknown := not_known(design):
             yield f"how the index of {listed([*unknown])} changes with temperature is not known; it stays"

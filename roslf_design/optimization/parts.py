@@ -53,6 +53,8 @@ ALIKE = 0.05
 
 SAME = 0.01
 """Relative difference up to which a length of a part counts as the design's."""
+WIDER = 2.0
+"""Clear aperture, over the design's, up to which a window still stands for one that is narrower."""
 ANOTHER = math.log(1.2)
 """Penalty for another material, as logarithm of a ratio."""
 
@@ -101,6 +103,8 @@ class _Unlike(NamedTuple):
     lacks: tuple[str, ...] = ()
     short: float = 0.0
     """Size of what it lacks, as logarithm of a ratio."""
+    beyond: str = ""
+    """Words on what it has beyond what is asked for, which does not count."""
 
     @property
     def words(self) -> list[str]:
@@ -345,14 +349,17 @@ class _WindowPart(_Round):
     material: Material
 
     def unlike(self, design: Design, element: AnyElement | None = None) -> _Unlike:
-        """Differences in thickness, clear aperture and material."""
+        """Differences in thickness, clear aperture and material; one that is somewhat wider is the same."""
         assert element is not None
-        lengths: tuple[tuple[str, float, float], ...] = (("thickness", self.thickness, element.length),)
-        if element.diameter is not None:
-            lengths += (("clear aperture", self.aperture, element.diameter),)
-        if element.glass is not None and self.material.name == element.glass.name:
-            return _Unlike(lengths)
-        return _Unlike(lengths, (f"of {self.material.name}",), ANOTHER)
+        lacks, wider = [], 1.0 if element.diameter is None else self.aperture / element.diameter
+        apart = abs(math.log(wider)) * (1 if wider > 1 else 2)  # which cuts light
+        if not 1 - SAME <= wider <= WIDER:
+            lacks.append(f"clear aperture {length(self.aperture)}")
+        if element.glass is None or self.material.name != element.glass.name:
+            lacks.append(f"of {self.material.name}")
+            apart += ANOTHER
+        beyond = f"{length(self.diameter)} wide" if wider > 1 + SAME else ""
+        return _Unlike((("thickness", self.thickness, element.length),), tuple(lacks), apart, beyond)
 
 
 class _Orientation(Option):

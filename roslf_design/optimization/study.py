@@ -31,6 +31,7 @@ from ..theory.focused import focus_faults
 from ..theory.quantity import Quantity
 from ..toml_files import StrictTable, nearest, problems_of, read_toml
 from ..units import Length
+from ..words import number
 from .bore import BoreTable, EquivalentPupil, solve_through
 from .combinations import CatalogueTable, Combinations
 from .front import Front, ParetoTable, pareto_front
@@ -63,11 +64,11 @@ class StudyTable(StrictTable):
     """Lexicographic: share of an earlier goal that a later one may cost."""
     microlens_in_focus: bool = False
     """Whether f_ml follows the focus."""
-    variables: dict[str, Variable]
+    variables: Annotated[dict[str, Variable], Field(validate_default=True, default_factory=dict)]
     constraints: tuple[Constraint, ...] = ()
     required: bool = False
     """Whether all that the design's `[required]` asks for is held as well."""
-    goals: tuple[Goal, ...]
+    goals: Annotated[tuple[Goal, ...], Field(validate_default=True)] = ()
     bore: BoreTable | None = None
     solver: SolverTable = SolverTable()
     pareto: ParetoTable | None = None
@@ -268,9 +269,9 @@ def read_study(
 
 
 @by_value
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Result:
-    """Everything that a study found."""
+    """Everything that a study found; printed, its variables and goals alone."""
 
     study: OptimizeStudy
     answer: Answer
@@ -283,6 +284,14 @@ class Result:
     part_retraces: tuple[Retrace, ...]
     """Retraces of the best combinations of parts, in their order."""
     seconds: float
+
+    def __repr__(self) -> str:
+        answer = self.answer
+        numbers = {name: number(value) for name, value in answer.variables().items()}
+        numbers |= {goal.quantity.name: number(answer.number(goal)) for goal in answer.asked.goals}
+        values = ", ".join(f"{name} {value}" for name, value in numbers.items())
+        kind = "best design" if answer.feasible else "no design holds every limit; the least-violating"
+        return f"{answer.asked.name}: {kind}: {values}; roslf.report(...) shows all, .to_dict() gives it"
 
     @cached_property
     def required(self) -> dict[str, tuple[Requirement, ...]]:

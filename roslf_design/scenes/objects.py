@@ -119,7 +119,7 @@ class Noise(Part):
     """
 
     kind: Literal["noise"] = "noise"
-    finest: Length
+    finest: Annotated[Length, Field(examples=["0.5 mm"])]
     """Period of its finest detail [mm]."""
     contrast: Annotated[float, Field(ge=0, le=MOST_CONTRAST)] = 0.1
     """Rms contrast in each octave: more would need radiances below zero."""

@@ -77,9 +77,9 @@ def quantity_named(name: str) -> Quantity:
     """
     if name in QUANTITIES:
         return QUANTITIES[name]
-    known = ", ".join(key for key in QUANTITIES if key not in PATHS)
     labels = {key: one.label for key, one in QUANTITIES.items() if one.of is not None and key not in PATHS}
-    remedy = nearest(name, QUANTITIES, f"known are {known}, and the symbols {', '.join(PATHS)}", labels)
+    known = f"`roslf quantities` lists {len(QUANTITIES)}, the symbols {', '.join(PATHS)} among them"
+    remedy = nearest(name, QUANTITIES, known, labels)
     tables = {path.partition(".")[0] for path in PATHS.values()}
     table = next((one for one in tables if name.startswith((f"{one}_", f"{one}."))), "")
     if table and not difflib.get_close_matches(name, QUANTITIES, 1, SLIP):

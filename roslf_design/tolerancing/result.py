@@ -114,9 +114,9 @@ class _Precision:
 
 
 @by_value
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StudyResult:
-    """Results of a study."""
+    """Results of a study; printed, its yield alone."""
 
     plan: TolerancePlan
     study: Study
@@ -149,6 +149,13 @@ class StudyResult:
     """Standard errors of the run; None where nobody asked."""
     tracing: tuple[str, ...] = ()
     """How builds behind a real lens were traced; nothing where it is ideal."""
+
+    def __repr__(self) -> str:
+        low, high = self.final.result.interval
+        return (
+            f"{self.plan.name}: yield {self.final.result.value:.2%} ({low:.2%} to {high:.2%}, 95 %) of "
+            f"{self.plan.trials:,} Monte Carlo units (builds); roslf.report(...) shows all, .to_dict() gives it"
+        )
 
     @property
     def final(self) -> Variant:

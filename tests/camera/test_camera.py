@@ -74,6 +74,8 @@ def test_values_compare_hash_pickle_and_print():
 def test_unknown_places_are_errors(place):
     with pytest.raises(DesignError, match="is not a number of this design"):
         Camera.of(PAPER, {place: 1.0})
+    with pytest.raises(DesignError, match="did you mean 'd_3'"):
+        Camera.of(PAPER, {"d_33": 1.0})
 
 
 def test_light_meets_the_farthest_stop_first():

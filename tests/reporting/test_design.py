@@ -257,6 +257,22 @@ def test_larger_sensors_far_parts_and_real_lenses():
     assert _catalogue_match(load("paper"), Catalogue(), "lenses") == ("the catalogue has none", None)
 
 
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"diameter": 2.2}, "the same as sapphire 3 x 0.5 mm, 3 mm wide"),
+        ({"diameter": 2.7}, "the same as sapphire 3 x 0.5 mm"),
+        ({"diameter": 24.0}, "nearest is Ted Pella 16005-1020: clear aperture 22.86 mm"),
+        ({"diameter": 2.2, "thickness": 0.55}, "nearest is sapphire 3 x 0.5 mm: thickness 0.5 mm"),
+        ({"diameter": 2.2, "thickness": 1.0, "material": "N-BK7"}, "the same as N-BK7 3 x 1 mm, 3 mm wide"),
+    ],
+)
+def test_a_window_that_is_wider_than_asked_is_the_same(changes, said):
+    plate = {"kind": "plate", "distance": 1.0, "thickness": 0.5, "material": "sapphire"} | changes
+    design = load("paper").replace({"elements": [plate]})
+    assert said in _catalogue_match(design, load_catalogue(), "windows", design.elements[0])[0]
+
+
 def differences(designs):
     section = next(s for s in comparison_report(designs).sections if s.title == "What differs")
     return {(table.title, row[1]): row for table in section.blocks if isinstance(table, Table) for row in table.rows}
