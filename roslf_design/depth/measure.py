@@ -373,7 +373,7 @@ def measure(
     field, pupil, aside = views
     if isinstance(geometry, ArrayGeometry) and disparities.begun is not None:  # where all have a disparity
         everywhere = disparities.begun.disparity
-        bend = straightened(everywhere, disparities.window) - everywhere
+        bend = straightened(everywhere, disparities.window, disparities.error) - everywhere
         disparities = replace(disparities, disparity=disparities.disparity + bend)
     z = geometry.depth(disparities.disparity)
     known = np.isfinite(z)
@@ -406,7 +406,7 @@ def _with_shared(
         if before is None or latest is None:
             return views, disparities
         smooth = ndimage.median_filter(before.disparity, disparities.window)
-        assumed = straightened(smooth, disparities.window, 2) + ASKED * (number == SETTLING)
+        assumed = straightened(smooth, disparities.window, disparities.error, 2) + ASKED * (number == SETTLING)
         shared = viewing.with_shared(field, looks, assumed, before.picture)
         if shared is None:
             return views, disparities
@@ -458,7 +458,7 @@ def _shared_noise(c: float, back: float, first: float, window: int, shape: tuple
         drawn = ndimage.uniform_filter(pulls, window)
         latest = drawn + math.sqrt(max(first**2 - 1, 0)) * ndimage.uniform_filter(noise(), window)
         for _ in range(SETTLING):
-            assumed = straightened(ndimage.median_filter(latest, window), window, 2)
+            assumed = straightened(ndimage.median_filter(latest, window), window, math.inf, 2)
             near = (neighbours(assumed, 0) + neighbours(assumed, 1)) / 2
             latest = drawn + back * ndimage.uniform_filter(near, window)
         squares += (latest**2).sum(), (drawn**2).sum()

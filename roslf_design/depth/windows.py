@@ -243,16 +243,22 @@ def _fit_windows(
             square += near[12] - 2 * value * near[11]
             across, below, uu, uv, vv, strain, spare, sound = _plane(near)
             own = strain if sound else 0.0
+            left, above = near[1] / share, near[2] / share
+            mean_u, mean_v = left, above
             if len(wide):
                 first, second, third, fourth, fifth, bent, _, trusted = _plane(wide[:, v, u])
                 if trusted and bent < 2:
                     across, below, uu, uv, vv, sound = first, second, third, fourth, fifth, True
+                    mean_u, mean_v = wide[1, v, u] / wide[0, v, u], wide[2, v, u] / wide[0, v, u]
             if not sound:
                 across, below, uu, uv, vv = 0.0, 0.0, 0.0, 0.0, 0.0
-            over = near[1] / share - u if enough and sound else 0.0
-            under = near[2] / share - v if enough and sound else 0.0
+            over = left - u if enough and sound else 0.0
+            under = above - v if enough and sound else 0.0
             variance = information / density / share**2 if enough else math.inf
-            variance += max(uu * over * over + 2 * uv * over * under + vv * under * under, 0.0) / density
+            # Of a wide plane the slope errs with the window's mean m as well: var(m - g o) has -2 cov(m, g) o.
+            to_u, to_v = over - 2 * (left - mean_u), under - 2 * (above - mean_v)
+            carried = over * (uu * to_u + uv * to_v) + under * (uv * to_u + vv * to_v)
+            variance += max(carried, 0.0) / density
             fit[0, v, u] = value - min(max(across * over + below * under, -0.5), 0.5)
             fit[1, v, u] = math.sqrt(variance)
             fit[2, v, u] = max(square, 0.0) / max(free - 1, 0.5) if free > 1.5 else 0.0
