@@ -542,7 +542,7 @@ def simulate(
 
     if again is None:
         unexposed = Unexposed.of(
-            design, scene, framed, seed=options.seed, rays=options.rays or rays_for(camera),
+            design, scene, framed, seed=options.seed, rays=options.rays or rays_for(camera, framed.wide),
             progress=doing("picture", work.white, work.picture), white_progress=doing("white", 0.0, work.white),
         )  # fmt: skip
     picture, white = unexposed if again is None else (again.raw, again.white)

@@ -43,8 +43,8 @@ alike in all exposures, so that what they add to errors reads as bias."""
 LEAST_RAYS, MOST_RAYS = 8, 256
 TOUCHING, GAPS = 0.93, 2.5
 """Diameter of microlens images over their pitch from which they touch: what rays miss of one at its rim the same rays
-show of its neighbour. Times as many rays where they leave gaps: errors of depth scatter 1.5 to 2.9 times as much there,
-of the cameras of the proof."""
+show of its neighbour. Times as many rays where they leave gaps, or stops cut them: errors of depth scatter 1.5 to 2.9
+times as much there, of the cameras of the proof."""
 SPREADING = 1.9
 """Times fewer, at most, where diffraction spreads each one's light over several pixels."""
 TOGETHER = 8
@@ -91,17 +91,26 @@ def lattice_of(camera: Camera, region: Region) -> CentreLattice:
     )
 
 
-def rays_for(camera: Camera) -> int:
-    """Rays for each pixel that stay as far below a camera's noise as `RAYS` do.
+def rays_for(camera: Camera, region: Region | None = None) -> int:
+    """Rays for each pixel that stay as far below a camera's noise as `RAYS` do, in a region or where nothing is cut.
 
     They scatter at the rims of microlens images, of which wide images have less a pixel.
     """
     pixels, width = float(camera.q), abs(float(microlens_image_diameter(camera) / camera.q))
     wanted = (float(electrons(camera)) / RAYS_FOR[0] * RAYS_FOR[1] / max(width, 1.0)) ** (0.5 / SCATTER)
     blur = float(camera.wavelength * camera.seen.d_2 / camera.d) / pixels
-    wanted *= GAPS if width * pixels < TOUCHING * abs(float(microlens_image_pitch(camera))) else 1.0
+    kept = 1.0 if region is None else MicrolensImages(camera, _looked_at(camera, region)).shapes.kept_fraction.min()
+    touching = TOUCHING * abs(float(microlens_image_pitch(camera)))
+    wanted *= GAPS if width * pixels * math.sqrt(kept) < touching else 1.0
     some = float(np.clip(RAYS * wanted / np.clip(blur, 1.0, SPREADING), LEAST_RAYS, MOST_RAYS))
     return 1 << (math.ceil(some) - 1).bit_length()
+
+
+def _looked_at(camera: Camera, region: Region) -> Array:
+    """Some places of a region on the array [mm], shape (n, 2)."""
+    lattice, share = lattice_of(camera, region), np.linspace(0, 1, LOOKS)
+    corners = np.stack(np.meshgrid(share * (region.columns - 1), share * (region.rows - 1)), -1).reshape(-1, 2)
+    return np.asarray(lattice.indices(corners) @ PACKINGS[lattice.layout].steps.T * float(camera.d))
 
 
 class PictureOptions(Options):
@@ -228,9 +237,7 @@ def _beside(design: Design, scene: Scene | None, region: Region) -> float:
     """Microlenses beside a region that are measured as well: `BESIDE`, and as many as views look past it."""
     geometry = ArrayGeometry(design)
     camera, beside = geometry.camera, float(BESIDE)
-    lattice, share = lattice_of(camera, region), np.linspace(0, 1, LOOKS)
-    corners = np.stack(np.meshgrid(share * (region.columns - 1), share * (region.rows - 1)), -1).reshape(-1, 2)
-    places = lattice.indices(corners) @ PACKINGS[lattice.layout].steps.T * float(camera.d)
+    places = _looked_at(camera, region)
     if geometry.traced is not None:
         beside += float(np.linalg.norm(geometry.traced.bends(places)[1], 2, (1, 2)).max()) / 2
     if scene is not None:
@@ -295,7 +302,8 @@ class Work(NamedTuple):
     def of(cls, design: Design, options: PictureOptions, framed: Framed | None = None) -> Work:
         """Work of pictures that a design takes; of a scene that nobody knows yet where `framed` is None."""
         camera = Camera.of(design.thin_twin)
-        rays, (_, wide, _) = options.rays or rays_for(camera), framed or Framed.of(design, None, options.part(design))
+        _, wide, _ = framed or Framed.of(design, None, options.part(design))
+        rays = options.rays or rays_for(camera, wide)
         pixels, slower = wide.columns * wide.rows, SLOWER if design.traced_through else 1.0
         if design.thin_twin is not design:
             rays = math.ceil(math.sqrt(rays) / FEWER_SAMPLES) ** 2

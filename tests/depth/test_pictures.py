@@ -104,3 +104,10 @@ def test_work_is_known_beforehand():
     assert more.seconds > 2 * one.seconds
     assert str(more) == "0.077 million pixels x 64 rays, 3 exposures"
     assert one.rays >= trace.FEWEST
+
+
+def test_images_that_stops_cut_get_the_rays_of_gaps():
+    """Rays scatter at a cut as at the rim of an image beside a gap: no neighbour shows what they miss."""
+    camera = Camera.of(PAPER.replace({"main_lens.diameter": 20.0}))
+    middle, side = Region(2200, 1440, 200, 200), Region(200, 1440, 200, 200)
+    assert rays_for(camera, side) > rays_for(camera, middle) == rays_for(camera)
