@@ -170,6 +170,26 @@ def where_above(values: ArrayLike, x: ArrayLike, y: ArrayLike, level: float) -> 
     return joined(ring for each, starts in zip(*lines, strict=True) for ring in np.split(each, starts[1:-1]))
 
 
+LABELLED = 0.15
+"""Share of a map's width or height from which a line of equal values has its number."""
+
+
+def contours(values: ArrayLike, x: ArrayLike, y: ArrayLike, levels: Iterable[tuple[float, str]]) -> list[Line | Text]:
+    """Lines of equal values, each with its number on its longest if that is no mere corner; as for `where_above`."""
+    from contourpy import contour_generator
+
+    made = contour_generator(x, y, np.ma.masked_invalid(np.asarray(values, float)), name="serial")
+    marks: list[Line | Text] = []
+    for level, text in levels:
+        if runs := [np.asarray(run) for run in made.lines(level)]:
+            longest = max(runs, key=len)
+            middle_x, middle_y = map(float, longest[len(longest) // 2])
+            marks.append(Line(*xy(joined(runs)), width=0.8))
+            if (np.ptp(longest, axis=0) > LABELLED * np.array([np.ptp(x), np.ptp(y)])).any():
+                marks.append(Text(middle_x, middle_y, text, anchor="middle", dy=4.0, halo=True))
+    return marks
+
+
 def joined(runs: Iterable[Array]) -> Array:
     """Points of polylines or polygons, each of shape (N, 2), one after the other with NaN between."""
     return np.concatenate([np.empty((0, 2)), *(np.append(run, [[np.nan, np.nan]], axis=0) for run in runs)])[:-1]

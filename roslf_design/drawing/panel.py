@@ -180,9 +180,9 @@ def threshold(x: float, tall: float, words: str, beside: float | None = None) ->
     return [line, Text(at, 0.0, words, "lost", SMALL, "middle", dy=-8, bold=True)]
 
 
-def colour_bar(panel: Panel, low: float, high: float, ramp: str, label: str) -> Panel:
-    """A bar beside a panel that says what its shades mean."""
+def colour_bar(panel: Panel, low: float, high: float, ramp: str, label: str, log: bool = False) -> Panel:
+    """A bar beside a panel that says what its shades mean, those of logarithms where `log`."""
     left, top, width, height = panel.box
     shades = Image(np.linspace(low, high, 128)[:, None], (0.0, 1.0, low, high), ramp, low, high)
     box = (left + width + 8, top, 11.0, height)
-    return Panel(box, Scale(0, 1), Scale(low, high), (shades,), y_label=label, x_ticks=(), grid="", right=True)
+    return Panel(box, Scale(0, 1), Scale(low, high, log), (shades,), y_label=label, x_ticks=(), grid="", right=True)

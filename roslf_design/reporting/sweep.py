@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..drawing.marks import Area, Dots, Image, Key, Line, Mark, box_key, parted
-from ..drawing.panel import Panel, Scale, colour_bar
+from ..drawing.marks import Area, Dots, Image, Key, Line, Mark, box_key, contours, parted
+from ..drawing.panel import Panel, Scale, colour_bar, named_ticks
 from ..drawing.picture import PAGE, Picture, beside, one_panel
 from ..theory.quantities import in_words
 from ..theory.sweep import Sweep
@@ -16,6 +16,10 @@ from ..words import number
 
 TALL = 230.0
 """Height of each panel [px]."""
+LINES = 6
+"""Lines of equal values on a map, about."""
+DECADES = 10.0
+"""Largest value, over the middle one, from which shades are those of logarithms."""
 
 
 def sweep_picture(swept: Sweep, design: str, notes: Iterable[str] = ()) -> Picture:
@@ -64,8 +68,11 @@ def _panel(swept: Sweep, name: str, title: str) -> Picture:
     up = Scale(float(y.min()), float(y.max())) if np.ptp(y) > 0 else Scale.around(y)
     steps = [(scale.high - scale.low) / max(1, len(v) - 1) / 2 for scale, v in ((across, x), (up, y))]
     box = across.low - steps[0], across.high + steps[0], up.low - steps[1], up.high + steps[1]
-    shades = Image(np.where(np.isfinite(values), values, low).T, box, "blue", low, high)
-    marks: list[Mark] = [shades]
+    log = low > 0 and high > DECADES * float(np.median(known))
+    across_shades = Scale(low, high, log)
+    shades = Image(across_shades.share(np.where(np.isfinite(values), values, low)).T, box, "blue", 0.0, 1.0)
+    levels = named_ticks(across_shades.ticks(LINES))
+    marks: list[Mark] = [shades, *(contours(values.T, x, y, levels) if min(values.shape) > 1 else ())]
     keys = [box_key("no camera, or no finite value", "grey", 0.9)] if not np.isfinite(values).all() else []
     none = np.argwhere(~np.isfinite(values))
     if none.size:
@@ -76,4 +83,4 @@ def _panel(swept: Sweep, name: str, title: str) -> Picture:
     picture = one_panel(
         f"sweep-{name}", name, (PAGE, TALL + 60), panel, keys, left=72, right=110, top=32 if title else 14
     )
-    return picture.with_panels(colour_bar(picture.panels[0], low, high, "blue", _label(name, unit)))
+    return picture.with_panels(colour_bar(picture.panels[0], low, high, "blue", _label(name, unit), log))

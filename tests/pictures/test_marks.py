@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image as Pixels
 
+from roslf_design.drawing import marks
 from roslf_design.drawing.marks import Area, Disc, Dots, Image, Line, Text, bars, line_key, where_above
 from roslf_design.drawing.panel import Panel, Scale, _log_ticks, round_ticks
 from roslf_design.drawing.picture import Picture, beside, one_panel
@@ -225,3 +226,12 @@ def test_an_image_stands_as_its_scale_runs(downwards):
         shown = np.asarray(drawn.convert("L"))
     assert (top == (0 if downwards else 255)).all()
     assert abs(int(shown[30, 60]) - int(top[0])) < 3  # matplotlib agrees
+
+
+def test_lines_of_equal_values_lie_where_values_are_equal():
+    x, y = np.linspace(0, 3, 31), np.linspace(1, 2, 21)
+    drawn = marks.contours(np.add.outer(y, 2 * x), x, y, [(4.0, "4"), (7.95, "7.95"), (20.0, "20")])
+    lines = [mark for mark in drawn if isinstance(mark, marks.Line)]
+    for line, level in zip(lines, (4.0, 7.95), strict=True):  # none of a value that is nowhere
+        np.testing.assert_allclose(2 * np.asarray(line.x) + line.y, level, atol=1e-12)
+    assert [mark.text for mark in drawn if isinstance(mark, marks.Text)] == ["4"]  # of a mere corner none
