@@ -171,7 +171,7 @@ DRAWINGS = {
     ),
     "mla-map": _Drawing("camera", "Microlens array", (340, 330), lambda s: (s.design, s.place), mla_map),
     "matching-plane": _Drawing(
-        "camera", "Pupil diameter and distance", (340, 330), lambda s: (s.design, s.limits),
+        "camera", "FAP diameter and distance", (340, 330), lambda s: (s.design, s.limits),
         lambda design, limits, size: matching_plane(design, size, limits=limits),
     ),
     "depth": _Drawing("depth", "Depth, expected, over distance", (520, 360), lambda s: (s.design,), depth_precision),
