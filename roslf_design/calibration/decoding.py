@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +24,11 @@ TAPS = 2.0
 """Reach of cubic convolution [px]: samples are of pixels up to so far."""
 TABLE = 1000
 """Steps a period in which what interpolation does to detail is tabulated: to 2e-5."""
+SPLINE: Final = 5
+"""Degree of the splines that make hexagonal rows square."""
+CARRIED, FOLDS = 20, 3
+"""Samples that rows are carried on beyond their ends for them, and periods a sample beside a wave that count in what
+they leave of it."""
 
 
 class _HexagonalRows(NamedTuple):
@@ -384,22 +389,64 @@ def _shift_and_sum(
 
 
 def squared(values: Samples, light: Samples, u: Array, starts: Array) -> tuple[Samples, Samples]:
-    """Hexagonal rows interpolated at u (all in pitches); row v's samples stand at ``starts[v] + 0, 1, 2, ...``."""
-    columns = values.shape[-1]
+    """Hexagonal rows interpolated at u (all in pitches); row v's samples stand at ``starts[v] + 0, 1, 2, ...``.
+
+    By splines, which leave the finest detail that microlenses show as they find it: four taps took half of it away
+    midway between them.
+    """
+    from scipy import ndimage
+    from scipy.interpolate import BSpline
+
+    columns, basis = values.shape[-1], BSpline.basis_element(np.arange(SPLINE + 2) - (SPLINE + 1) / 2)
     out, held = (np.zeros((*values.shape[:-1], len(u)), np.float32) for _ in range(2))
+    sides = [(0, 0)] * (values.ndim - 2) + [(CARRIED, CARRIED)]
     for v, start in enumerate(starts):
         base = np.floor(u - start).astype(int)
         part = u - start - base
         taps = np.stack([base - 1, base, base + 1, base + 2])
         usable = (taps >= 0) & (taps < columns)
-        taps = np.clip(taps, 0, columns - 1)
-        held_by = light[..., v, :][..., taps] * usable
-        a, b, c, d = np.moveaxis(values[..., v, :][..., taps], -2, 0)
+        held_by = light[..., v, :][..., np.clip(taps, 0, columns - 1)] * usable
         before, at, after, beyond = np.moveaxis(held_by > 0, -2, 0)
-        # A missing outer tap is put on the parabola through the other three.
-        a, d = np.where(before, a, 3 * b - 3 * c + d), np.where(beyond, d, 3 * c - 3 * b + a)
         whole = at & after & (before | beyond)
-        value = sum(weight * tap for weight, tap in zip(cubic_taps(part), (a, b, c, d), strict=True))
+        row, lit = (np.pad(part[..., v, :].astype(float), sides) for part in (values, light))
+        _carry.compiled(row.reshape(-1, row.shape[-1]), lit.reshape(-1, row.shape[-1]) > 0, CARRIED)
+        spline = ndimage.spline_filter1d(row, SPLINE)
+        base = np.clip(base, -1, columns - 1) + CARRIED
+        reach = range(-(SPLINE // 2), SPLINE // 2 + 2)
+        value = sum(basis(part - k) * spline[..., base + k] for k in reach)
         out[..., v, :] = np.where(whole, value, 0)
         held[..., v, :] = np.where(whole, np.where(part < 0.5, held_by[..., 1, :], held_by[..., 2, :]), 0)
     return out, held
+
+
+def left_by_rows(frequency: Array) -> Array:
+    """Share of waves along hexagonal rows [periods a pitch] that `squared` leaves, on average."""
+    passed = [np.abs(np.sinc(frequency - n)) ** (SPLINE + 1) for n in (0, *range(-FOLDS, 0), *range(1, FOLDS + 1))]
+    return np.asarray(passed[0] / sum(passed))
+
+
+@kernel()
+def _carry(rows: Any, lit: Any, reach: int) -> None:
+    """Put samples that are not lit, up to `reach` beside some, on the parabola through the nearest three; (n, columns).
+
+    Like the nearest where fewer than three stand together.
+    """
+    count, columns = rows.shape
+    for n in range(count):
+        for u in range(columns):
+            if lit[n, u]:
+                continue
+            for k in range(1, reach + 1):
+                side = 0
+                if u + k < columns and lit[n, u + k]:
+                    side = 1
+                if u - k >= 0 and lit[n, u - k]:
+                    side = -1
+                if side == 0:
+                    continue
+                first, second, third = u + side * k, u + side * (k + 1), u + side * (k + 2)
+                rows[n, u] = rows[n, first]
+                if 0 <= third < columns and lit[n, second] and lit[n, third]:
+                    bent = (k + 2) * rows[n, first] / 2 + k * rows[n, third] / 2
+                    rows[n, u] = (k + 1) * bent - k * (k + 2) * rows[n, second]
+                break

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._jit import THREADS, kernel, prange
-from ..calibration.decoding import DARKEST, LightField, read_between, squared
+from ..calibration.decoding import DARKEST, LightField, left_by_rows, read_between, squared
 from ..camera import Camera
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import panchromatic
@@ -473,7 +473,10 @@ def _shown(
     # Splines of single samples would turn the finest detail by 0.8 of what they should.
     waves = fft.dctn(np.pad(filled[0].astype(float), BEYOND, mode="reflect", reflect_type="odd"), norm="ortho")
     if field.hexagonal is not None:
-        waves /= _left_by_rows(np.arange(waves.shape[1]) / (2 * waves.shape[1] * steps[0]), steps[0])
+        frequency = np.arange(waves.shape[1]) / (2 * waves.shape[1] * steps[0])
+        # Of the finest, views hold the mirror image beyond half a period a pitch as well, which is the same wave at
+        # the microlenses: all of it is left.
+        waves /= np.where(frequency < 1 - 1 / (2 * steps[0]), left_by_rows(frequency), 1.0)
     fine = 2 * fft.idctn(np.pad(waves, [(0, n) for n in waves.shape]), norm="ortho")
     spline, b = ndimage.spline_filter(fine, 5, mode="reflect"), disparity[near]
     out = np.empty((int(usable.sum()), *column.shape), np.float32)
@@ -542,16 +545,6 @@ def reading(field: LightField) -> Read:
     ranks = (np.arange(MANY_BETWEEN) + 0.5) / MANY_BETWEEN
     along, across = (partial(read_between, between=np.quantile(axis, ranks)) for axis in field.between)
     return (along,), (across,)
-
-
-def _left_by_rows(frequency: NDArray[np.float64], step: float) -> NDArray[np.float64]:
-    """Share of waves [periods a pitch] that microlenses still show once hexagonal rows are made square, on average.
-
-    By samples so many pitches apart. Of the finest they hold the mirror image beyond half a period a pitch as well,
-    which is the same wave at the microlenses: all of it is left. What is not would be left of neighbours' light.
-    """
-    passed = read_between(frequency, (np.arange(MANY_BETWEEN) + 0.5) / MANY_BETWEEN).real
-    return np.asarray(np.where(frequency < 1 - 1 / (2 * step), passed, 1.0))
 
 
 def light_shares(light: NDArray[np.float64]) -> NDArray[np.float64]:
