@@ -488,17 +488,23 @@ class _Sampled:
         return self.lens(fx / self.pitch, fy / self.pitch) * pixels / cells
 
     @cached_property
-    def _alone(self) -> tuple[Array, Any, Array, Array]:
-        frequency = np.arange(-math.ceil(self.finest * WIDE), math.ceil(self.finest * WIDE) + 1) / WIDE
-        along = np.exp(-2j * math.pi * frequency[:, None] * self.at)
-        passed = self.transfer(frequency, frequency[:, None]) / WIDE**2
-        x, y = (np.exp(2j * math.pi * axis[:, None] * frequency) for axis in self.samples)
-        return along, passed, x, y
+    def _alone(self) -> tuple[Array, Array, Any, Array, Array]:
+        """Transforms of images, of which those at negative frequencies up are the others' conjugates, and back."""
+        most = math.ceil(self.finest * WIDE)
+        frequency = np.arange(-most, most + 1) / WIDE
+        up = frequency[most:]
+        along, down = (np.exp(-2j * math.pi * axis[:, None] * self.at) for axis in (frequency, up))
+        passed = self.transfer(frequency, up[:, None]) / WIDE**2 * np.where(up > 0, 2, 1)[:, None]
+        (s, t), waves = self.samples, 2j * math.pi
+        x, y = np.exp(waves * frequency[:, None] * s), np.exp(waves * t[:, None] * up)
+        return along.T.copy(), np.concatenate([down.real, down.imag]), passed, x, y
 
-    def __call__(self, values: NDArray[Any]) -> NDArray[np.float64]:
+    def __call__(self, values: Array) -> Array:
         """Samples of images that are so bright at their points (..., points, points), alone."""
-        along, passed, x, y = self._alone
-        return np.asarray((y @ (along @ values @ along.T * passed) @ x.T).real)
+        along, down, passed, x, y = self._alone
+        real, imaginary = np.split(down @ values, 2, -2)
+        sent = y @ ((real + 1j * imaginary) @ along * passed)
+        return np.asarray(sent.real @ x.real - sent.imag @ x.imag)
 
     def among_neighbours(self, waves: Array) -> Callable[[NDArray[Any]], NDArray[np.complex128]]:
         """Map from images (n, points, points) to samples; all microlenses have it, turned by waves (n, 2).
