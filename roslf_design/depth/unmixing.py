@@ -7,6 +7,7 @@ How much of it there is follows from the camera, and what the neighbours see sta
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -601,8 +602,10 @@ class Mixing(NamedTuple):
         """
         from scipy.spatial import cKDTree
 
-        pupil = [axis[..., usable] for axis in (parts.x, parts.y)]
-        shares = shares[..., usable]
+        def picked(part: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.compress(usable.ravel(), part.reshape(*part.shape[:-2], -1), -1)
+
+        x, y, shares = map(picked, (parts.x, parts.y, shares))
         most = np.abs(shares).max(1)
         taken = (most > FAINT) & ((most <= STRONG) == faint if faint is not None else True)
         taken[own] = False
@@ -610,36 +613,36 @@ class Mixing(NamedTuple):
         steps, count = np.array(parts.steps, np.int64).reshape(-1, 2)[step], np.arange(taken.shape[1] + 1)
         if beside is None:
             light = np.abs(parts.light[..., usable])
-            places = np.stack([(axis * light).mean(1) / np.maximum(light.mean(1), 1e-12) for axis in pupil], -1)
+            places = np.stack([(axis * light).mean(1) / np.maximum(light.mean(1), 1e-12) for axis in (x, y)], -1)
             known = np.flatnonzero((shares[own] > sure).any(0))
             source = known[cKDTree(places[own][known]).query(places[step, sample])[1]] if known.size else 0 * sample
             share = np.ascontiguousarray(shares[step, :, sample], np.float32)
             return cls(np.searchsorted(sample, count), np.asarray(source, np.int64), steps, share)
-        beside, keys, nodes, each = np.broadcast_to(beside[..., usable], (2, *shares.shape)), [], [], []
+        beside, keys, each = np.broadcast_to(picked(beside), (2, *shares.shape)), [], []
+        far = int(np.abs(steps).max(initial=0)) + math.ceil(float(np.abs(beside).max(initial=0.0)) * 2) + 1
+        size = (*2 * taken.shape[1:], 2 * far + 1, 2 * far + 1)
         for node in range(shares.shape[1]):
             some = np.flatnonzero(np.abs(shares[step, node, sample]) > FAINT)
             to, by = sample[some], step[some]
-            places = np.stack([axis[:, node] for axis in pupil], -1)
+            places = np.stack([x[:, node], y[:, node]], -1)
             lit = np.flatnonzero((shares[own, node] > sure) | (shares[own, node].max() <= sure))
             source = lit[cKDTree(places[own, lit]).query(places[by, to])[1]]
-            off = (beside[:, own, node, source] - beside[:, by, node, to]).T
-            at = steps[some] + np.where(np.abs(off) > NEAR, off, 0.0)
+            off = beside[:, own, node, source] - beside[:, by, node, to]
+            at = steps[some].T + np.where(np.abs(off) > NEAR, off, 0.0)
             low = np.floor(at).astype(np.int64)
-            for corner in np.ndindex(2, 2):
-                part = np.prod(np.where(corner, at - low, 1 - at + low), -1) * shares[by, node, to]
-                strong = np.flatnonzero(np.abs(part) > FAINT)
-                keys.append(np.column_stack([to[strong], source[strong], low[strong] + corner]))
-                nodes.append(np.full(strong.size, node))
+            before, after = np.array([1 - at + low, at - low])
+            key, sent = np.ravel_multi_index((to, source, *(low + far)), size), shares[by, node, to]
+            for aside, (along, up) in enumerate(itertools.product((before, after), repeat=2)):
+                part = along[0] * up[1] * sent
+                strong = np.abs(part) > FAINT
+                keys.append(key[strong] + (aside // 2) * size[3] + aside % 2)
                 each.append(part[strong])
-        key = np.concatenate(keys)
-        first = key.min(0, initial=0)
-        size = key.max(0, initial=0) - first + 1
-        numbers, back = np.unique(np.ravel_multi_index(tuple((key - first).T), size), return_inverse=True)
-        lists = np.stack(np.unravel_index(numbers, size), -1) + first
-        share = np.zeros((len(lists), shares.shape[1]), np.float32)
-        np.add.at(share, (back, np.concatenate(nodes)), np.concatenate(each))
-        source, steps = np.ascontiguousarray(lists[:, 1]), np.ascontiguousarray(lists[:, 2:])
-        return cls(np.searchsorted(lists[:, 0], count), source, steps, share)
+        numbers, back = np.unique(np.concatenate(keys), return_inverse=True)
+        nodes = np.repeat(np.arange(len(keys)) // 4, [len(part) for part in each])
+        share, sent = np.zeros((numbers.size, shares.shape[1]), np.float32), np.concatenate(each, dtype=np.float32)
+        np.add.at(share.reshape(-1), back * shares.shape[1] + nodes, sent)
+        to, source, *way = np.unravel_index(numbers, size)
+        return cls(np.searchsorted(to, count), source, np.ascontiguousarray(np.transpose(way)) - far, share)
 
     def noise(self, light: NDArray[np.float64], own: NDArray[np.float64]) -> NDArray[np.float64]:
         """Variance that the neighbours' samples leave in each, over that of its own light; all (sample, node)."""
@@ -717,10 +720,17 @@ def _gather_row(
     """Add neighbours' light in samples n of row v; one that nothing is known of is like the microlens itself."""
     rows, columns = dark.shape
     nodes = shares.shape[1]
+    least, most = node[v].min(), min(node[v].max() + across + 2, nodes)
     for u in range(columns):  # here and below: whole arrays at once would be compiled twice as long
         like[u] = 0.0
     for m in range(first[n], first[n + 1]):
-        w = v + steps[m, 1]
+        w, sends = v + steps[m, 1], False
+        for c in range(least, most):
+            if shares[m, c] != 0:
+                sends = True
+                break
+        if not sends:
+            continue
         if nodes == 1:
             for u in range(columns):
                 share[u] = shares[m, 0]
