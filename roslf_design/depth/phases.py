@@ -95,7 +95,10 @@ class PhasedViews:
         most = min(COARSE, max(2, int(math.sqrt(MOST_FILTERS / samples))))
         aside = np.zeros_like(views.pupil) if views.aside is None else views.aside
         far = float(np.abs(aside if aside.ndim == 3 else np.where(views.field.weight > 0, aside, 0)).max())
-        key = most, WAVES + 2 * max(0, round(far) - 1), shared
+        side = WAVES + 2 * max(0, round(far) - 1)
+        # What noise makes of the range of disparities asks for no other nodes.
+        kept = (key for key in self._phases if key[1:] == (side, shared) and abs(key[0] - most) <= 1)
+        key = next(kept, (most, side, shared))
         if key not in self._phases:
             self._phases[key] = _Phases.of(self.light, *key)
         phases = self._phases[key]
@@ -264,18 +267,19 @@ class _FreedWaves(NamedTuple):
 
     def shown(self, waves: NDArray[np.float64], disparities: NDArray[np.float64]) -> Iterator[NDArray[np.complex128]]:
         """Waves, shape (W, 2), as views show them against where their mean places do, shape (W, view, node)."""
-        turns = np.exp(2j * math.pi * (waves @ PACKINGS[self.images.camera.layout].steps @ self.mixing.step.T))
+        ways, way = np.unique(self.mixing.step, axis=0, return_inverse=True)
+        turns = np.exp(2j * math.pi * (ways @ PACKINGS[self.images.camera.layout].steps.T @ waves.T))
+        sure = np.ones_like(self.sure.T) if self.shared else self.sure.T.copy()
+        shares, rounds = np.ascontiguousarray(self.mixing.share.T), 1 if self.shared else ROUNDS
         for raw, where in self._raw(waves, disparities):
-            raw, to_middle = np.ascontiguousarray(raw), np.exp(2j * math.pi * np.tensordot(waves, where, 1))
-            own = raw * self.gain.T
-            values = (1 / to_middle).swapaxes(1, 2).copy() if self.shared else own.copy()
-            sure = np.ones_like(self.sure.T) if self.shared else self.sure.T.copy()
+            to_middle, own = np.exp(2j * math.pi * np.tensordot(waves, where, 1)), raw * self.gain.T
+            values = _apart(to_middle.conj().T if self.shared else np.moveaxis(own, 0, -1))
             with THREADS:
                 _free_waves.compiled(
-                    raw, self.gain.T.copy(), sure, self.mixing.first, self.mixing.source, turns,
-                    np.ascontiguousarray(self.mixing.share.T), 1 if self.shared else ROUNDS, values,
+                    _apart(np.moveaxis(raw, 0, -1)), self.gain.T.copy(), sure, self.mixing.first, self.mixing.source,
+                    way.ravel(), _apart(turns), shares, rounds, values,
                 )  # fmt: skip
-            shown = values.swapaxes(1, 2) * to_middle
+            shown = (values[:, :, 0] + 1j * values[:, :, 1]).T * to_middle
             if self.shared:  # neighbours send as much of a wave as the picture shows
                 alone = own.swapaxes(1, 2) * to_middle
                 sent = alone - shown
@@ -329,10 +333,11 @@ class _Waves(NamedTuple):
         passed = self.passed[:, None, None] * (mean > DARK_WAVE) * shows
         turn = np.angle(shown * np.exp(2j * math.pi * np.tensordot(self.k, off, 1)))
         factor = np.exp(passed * (np.log(np.maximum(gain, 1e-9)) - 1j * turn)).T
-        grid = np.ones((*factor.shape[:2], self.side, self.side), np.complex64)
-        x, y = self.on_grid.T
-        grid[..., y, x], grid[..., -y, -x] = factor, factor.conj()
-        return np.asarray(np.fft.fftshift(np.fft.ifft2(grid).real, (-2, -1)), np.float32)
+        grid, (x, y) = np.ones((*factor.shape[:2], self.side, self.side // 2 + 1), np.complex64), self.on_grid.T
+        ahead, behind = x >= 0, x <= 0
+        grid[..., y[ahead], x[ahead]] = factor[..., ahead]
+        grid[..., -y[behind], -x[behind]] = factor[..., behind].conj()
+        return np.asarray(np.fft.fftshift(np.fft.irfft2(grid, (self.side, self.side)), (-2, -1)), np.float32)
 
 
 def _strength(shown: NDArray[np.complex128]) -> NDArray[np.float64]:
@@ -385,30 +390,37 @@ def _filtered(
     return replace(field, values=np.where(weight > 0, values, 0), weight=weight)
 
 
+def _apart(waves: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Real and imaginary parts of waves (..., W) one after the other, shape (..., 2, W)."""
+    return np.stack([waves.real, waves.imag], -2)
+
+
 @kernel(parallel=True)
 def _free_waves(
-    raw: Any, gain: Any, sure: Any, first: Any, source: Any, turns: Any, shares: Any, rounds: int, out: Any,
+    raw: Any, gain: Any, sure: Any, first: Any, source: Any, way: Any, turns: Any, shares: Any, rounds: int, out: Any,
 ) -> None:  # fmt: skip
-    """Waves without what neighbours put into samples, which show them turned; all (wave, node, view), by `_freed`."""
-    count, nodes, views = raw.shape
+    """Waves without what neighbours put into samples, which show them turned; all (node, view, part, wave)."""
+    nodes, views, _, count = raw.shape
     for i in prange(nodes):
-        some, before = np.flatnonzero(shares[i]), np.empty(views, np.complex128)
-        ends, share, sent = np.searchsorted(some, first), shares[i][some], source[some]
-        sends = np.empty(some.size, np.complex128)
-        for k in range(count):
-            values, turn = out[k, i], turns[k]
-            for m in range(some.size):
-                sends[m] = share[m] * turn[some[m]]
-            for _ in range(rounds):
-                total, known = 0j, 0
-                for n in range(views):
-                    if sure[i, n] > 0:
-                        total += values[n]
-                        known += 1
-                for n in range(views):
-                    before[n] = values[n] if sure[i, n] > 0 else total / max(known, 1)
-                for n in range(views):
-                    foreign = 0j
-                    for m in range(ends[n], ends[n + 1]):
-                        foreign += sends[m] * before[sent[m]]
-                    values[n] = (raw[k, i, n] - foreign) * gain[i, n]
+        before, mean, foreign = np.empty((views, 2, count)), np.empty((2, count)), np.empty((2, count))
+        for _ in range(rounds):
+            mean[:] = 0.0
+            known = 0
+            for n in range(views):
+                if sure[i, n] > 0:
+                    mean += out[i, n]
+                    known += 1
+            mean /= max(known, 1)
+            for n in range(views):
+                before[n] = out[i, n] if sure[i, n] > 0 else mean
+            for n in range(views):
+                foreign[:] = 0.0
+                real, imaginary = foreign[0], foreign[1]
+                for m in range(first[n], first[n + 1]):
+                    share = shares[i, m]
+                    if share != 0:
+                        turn, other = turns[way[m]], before[source[m]]
+                        for k in range(count):
+                            real[k] += share * (turn[0, k] * other[0, k] - turn[1, k] * other[1, k])
+                            imaginary[k] += share * (turn[0, k] * other[1, k] + turn[1, k] * other[0, k])
+                out[i, n] = (raw[i, n] - foreign) * gain[i, n]
