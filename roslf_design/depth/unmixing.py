@@ -639,8 +639,8 @@ class Mixing(NamedTuple):
                 each.append(part[strong])
         numbers, back = np.unique(np.concatenate(keys), return_inverse=True)
         nodes = np.repeat(np.arange(len(keys)) // 4, [len(part) for part in each])
-        share, sent = np.zeros((numbers.size, shares.shape[1]), np.float32), np.concatenate(each, dtype=np.float32)
-        np.add.at(share.reshape(-1), back * shares.shape[1] + nodes, sent)
+        share = np.zeros((numbers.size, shares.shape[1]), np.float32)
+        np.add.at(share.reshape(-1), back * shares.shape[1] + nodes, np.concatenate(each).astype(np.float32))
         to, source, *way = np.unravel_index(numbers, size)
         return cls(np.searchsorted(to, count), source, np.ascontiguousarray(np.transpose(way)) - far, share)
 
