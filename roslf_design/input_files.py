@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import math
 import stat
 import struct
@@ -195,7 +194,7 @@ def read_frames(path: Path, origin: str) -> tuple[NDArray[Any], str]:
 def _tiff(path: Path) -> tuple[NDArray[Any], str]:
     import tifffile
 
-    tifffile.logger().setLevel(logging.CRITICAL + 1)  # what is damaged is told once, by us
+    tifffile.logger().disabled = True  # what is damaged is told once, by us
     with tifffile.TiffFile(path) as file:
         series = file.series[0]
         _bearable(series.size)

@@ -45,7 +45,8 @@ class WorkingRange(NamedTuple):
         focus = float(focus_ahead(camera))
         start = focus if 0 < focus < math.inf else FAR
         budget = budget or partial(depth_budget, camera)
-        return cls(near, far, _useful_to(budget, near, start, far), budget(start).lengths)
+        there = budget(start)
+        return cls(near, far, _useful_to(budget, near, start, there, far), there.lengths)
 
     @property
     def ends(self) -> tuple[float, float] | None:
@@ -87,17 +88,17 @@ def _from_to(near: float, far: float) -> str:
     return f"{number(near, 3)} to {number(far, 3)} mm"
 
 
-def _useful_to(budget: BudgetAt, near: float, focus: float, far: float) -> float:
+def _useful_to(budget: BudgetAt, near: float, focus: float, there: DepthBudget, far: float) -> float:
     """Farthest sharp distance ahead of the tip at which U is a tenth of it at most [mm]; NaN where it is none."""
 
-    def excess(at: float) -> float:
+    def excess(at: float, known: DepthBudget | None = None) -> float:
         """Logarithm of U over a tenth of the distance, by that of the distance."""
-        u = float(budget(math.exp(at)).expanded_mm) / (TENTH * math.exp(at))
+        u = float((known or budget(math.exp(at))).expanded_mm) / (TENTH * math.exp(at))
         return min(max(math.log(u), -LARGE), LARGE) if u > 0 else -LARGE
 
     start = math.log(focus)
     low, end = (start - REACH if near <= 0 else math.log(near)), (math.log(far) if far < math.inf else start + REACH)
-    useful, below = start, excess(start)
+    useful, below = start, excess(start, there)
     high, above = start, below
     for high in (min(start - below + GUESS, end), end) if below <= 0 else ():  # U grows as the square, or faster
         if (above := excess(high)) > 0:
