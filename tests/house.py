@@ -59,13 +59,13 @@ class Module:
         self.name = ".".join(self.package if parts[-1] == "__init__" else parts)
 
     def nodes(self) -> Iterator[tuple[ast.AST, bool]]:
-        """Every node, with whether it stands inside a function."""
+        """Every statement, with whether it stands inside a function."""
         todo: list[tuple[ast.AST, bool]] = [(self.tree, False)]
         while todo:
             node, inside = todo.pop()
             yield node, inside
             deeper = inside or isinstance(node, FUNCTIONS)
-            todo += ((child, deeper) for child in ast.iter_child_nodes(node))
+            todo += ((child, deeper) for child in ast.iter_child_nodes(node) if not isinstance(child, ast.expr))
 
     def docstrings(self) -> Iterator[ast.Expr]:
         """Docstrings of modules, classes, functions and fields."""
