@@ -1,5 +1,6 @@
 """Targets true to scale, as their PDF and SVG say; boards that our own corner finder finds."""
 
+import functools
 import itertools
 import math
 import re
@@ -26,18 +27,9 @@ POINT = 25.4 / 72
 SVG = "{http://www.w3.org/2000/svg}"
 
 
+@functools.cache
 def protocol(name, board=None):
     return Protocol.of(roslf.load(name), PlanOptions(board=board))
-
-
-@pytest.fixture(scope="module")
-def paper():
-    return protocol("paper")
-
-
-@pytest.fixture(scope="module")
-def needle():
-    return protocol("grin-needle")
 
 
 def segments(pdf):
@@ -93,12 +85,12 @@ def bar_of(svg):
     return (width, height), unit * (float(end) - float(start))
 
 
-@pytest.mark.parametrize("name", ["paper", "needle"])
-def test_bars_are_as_long_as_they_say(name, request):
-    protocol = request.getfixturevalue(name)
-    files = target_files(protocol.sheets)
-    assert {sheet.bar for sheet in protocol.sheets} == ({100.0} if name == "paper" else {100.0, 20.0})
-    for sheet in protocol.sheets:
+@pytest.mark.parametrize(("name", "bars"), [("paper", {100.0}), ("grin-needle", {100.0, 20.0})])
+def test_bars_are_as_long_as_they_say(name, bars):
+    shown = protocol(name).sheets
+    files = target_files(shown)
+    assert {sheet.bar for sheet in shown} == bars
+    for sheet in shown:
         size, lines = segments(files[f"{sheet.kind}.pdf"])
         assert size == pytest.approx(sheet.size, abs=0.01)
         level = lines[np.abs(lines[:, 1, 1] - lines[:, 0, 1]) < 1e-3]
@@ -111,7 +103,8 @@ def test_bars_are_as_long_as_they_say(name, request):
         assert length == pytest.approx(sheet.bar, abs=1e-4)
 
 
-def test_cells_and_edge_are_printed_as_large_as_they_are(paper):
+def test_cells_and_edge_are_printed_as_large_as_they_are():
+    paper = protocol("paper")
     files = target_files(paper.sheets)
     _, lines = segments(files["board.pdf"])
     assert np.sum(np.abs(lengths(lines) - 6.0) < 0.01) >= 2 * 10  # ten dark cells
@@ -126,7 +119,8 @@ def test_cells_and_edge_are_printed_as_large_as_they_are(paper):
 @pytest.mark.parametrize(
     "text", ["charuco 7x6 6 mm 4.5 mm DICT_4X4_50", "charuco 5x7 6 mm 3.5 mm DICT_5X5_100", "7x6 6 mm"]
 )
-def test_boards_are_found_in_a_picture_of_their_drawing(paper, text):
+def test_boards_are_found_in_a_picture_of_their_drawing(text):
+    paper = protocol("paper")
     setup = paper.setup.model_copy(update={"board": paper.setup.board.model_copy(update={"cells": text})})
     sheet = sheets(setup, "test")[0]
     board, scale = Board.parse(text), 16  # pixels a millimetre
@@ -147,12 +141,13 @@ def test_boards_are_found_in_a_picture_of_their_drawing(paper, text):
     assert off < 0.08  # the picture is interpolated in steps of 1/32 px
 
 
-def test_targets_say_how_they_are_made(paper, needle):
-    assert {sheet.remark for sheet in paper.sheets} == {"A4"}
-    remarks = {sheet.kind: sheet.remark for sheet in needle.sheets}
+def test_targets_say_how_they_are_made():
+    needle = protocol("grin-needle").sheets
+    assert {sheet.remark for sheet in protocol("paper").sheets} == {"A4"}
+    remarks = {sheet.kind: sheet.remark for sheet in needle}
     assert "lithography" in remarks["board"]
     assert "0.3 mm" in remarks["board"]  # cells of 0.2 mm span five microlenses to 94.2 mm, and the focus is at 95.6
-    for sheet in needle.sheets:
+    for sheet in needle:
         assert ("lithography" in sheet.remark) == (sheet.bar < 100)
     wide = {sheet.kind: sheet for sheet in protocol("pipe-bore").sheets}["field"]
     assert wide.size > (210, 297)

@@ -13,7 +13,13 @@ from roslf_design.drawing.svg import file_of
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
 from roslf_design.reporting.blocks import Report
-from roslf_design.reporting.calibrate.pages import calibrated_finding, plan_finding, planned_depth, read_calibration
+from roslf_design.reporting.calibrate.pages import (
+    calibrated_finding,
+    plan_blocks,
+    plan_finding,
+    planned_depth,
+    read_calibration,
+)
 from roslf_design.reporting.printers import render_html
 from roslf_design.reporting.sheet.lines import CalibrationSpread, basis
 from roslf_design.reporting.story import _read_story
@@ -229,7 +235,7 @@ def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine():
     alone = plan.expected.sigma["d_3"]
     for made in (0.02 * alone, alone, 50 * alone):
         built = LengthCovariance(("aperture.distance",), np.array([[made**2]]))
-        text = plan_finding(paper, asked, built).section.blocks[1].items[2].text
+        text = plan_blocks(paper, plan, asked, built)[1].items[2].text
         assert float(text.partition("d_3 to ")[2].split()[0]) <= 1.03 * min(made, alone)
         assert f"captures alone tell d_3 to {alone:.2g} mm" in text
     required = paper.replace({"required": {"u_z_mm": [{"max": 1e3}, {"at": 300.0, "max": 1e3}]}})
@@ -242,13 +248,14 @@ def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine():
     assert "H to" in lengths.text
     assert "ot determined" not in lengths.text
     far = loads(COLLIMATED)
-    depth, lengths = plan_finding(far, PlanOptions()).section.blocks[1].items
     plan = calibration_plan(far, PlanOptions())
+    blocks = plan_blocks(far, plan, PlanOptions())
+    depth, lengths = blocks[1].items
     assert "Not determined by these poses: H, d_f and m;" in lengths.text
     assert "d_2 to" in lengths.text
     at_focus = 2 * float(planned_depth(far, plan, PlanOptions()).u_z_mm)
     assert at_focus < 30.0
     assert f"± {at_focus:.3g} mm in the focal plane" in depth.text
     assert " H to" not in plan.advice
-    rows = {row[0]: row[1] for row in plan_finding(far, PlanOptions()).section.blocks[2].rows}
+    rows = {row[0]: row[1] for row in blocks[2].rows}
     assert [name for name, cell in rows.items() if cell == "not determined"] == ["H", "d_f", "m"]
