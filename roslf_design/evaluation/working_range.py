@@ -45,8 +45,8 @@ class WorkingRange(NamedTuple):
         focus = float(focus_ahead(camera))
         start = focus if 0 < focus < math.inf else FAR
         budget = budget or partial(depth_budget, camera)
-        there = budget(start)
-        return cls(near, far, _useful_to(budget, near, start, there, far), there.lengths)
+        focused = budget(start)
+        return cls(near, far, _useful_to(budget, near, start, focused, far), focused.lengths)
 
     @property
     def ends(self) -> tuple[float, float] | None:
@@ -88,7 +88,7 @@ def _from_to(near: float, far: float) -> str:
     return f"{number(near, 3)} to {number(far, 3)} mm"
 
 
-def _useful_to(budget: BudgetAt, near: float, focus: float, there: DepthBudget, far: float) -> float:
+def _useful_to(budget: BudgetAt, near: float, focus: float, focused: DepthBudget, far: float) -> float:
     """Farthest sharp distance ahead of the tip at which U is a tenth of it at most [mm]; NaN where it is none."""
 
     def excess(at: float, known: DepthBudget | None = None) -> float:
@@ -98,7 +98,7 @@ def _useful_to(budget: BudgetAt, near: float, focus: float, there: DepthBudget, 
 
     start = math.log(focus)
     low, end = (start - REACH if near <= 0 else math.log(near)), (math.log(far) if far < math.inf else start + REACH)
-    useful, below = start, excess(start, there)
+    useful, below = start, excess(start, focused)
     high, above = start, below
     for high in (min(start - below + GUESS, end), end) if below <= 0 else ():  # U grows as the square, or faster
         if (above := excess(high)) > 0:

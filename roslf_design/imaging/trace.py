@@ -285,7 +285,7 @@ def _across_a_slit(count: int) -> Floats:
 
     x = np.concatenate([-np.geomspace(1e-4, 1e4, 500_000)[::-1], np.geomspace(1e-4, 1e4, 500_000)])
     encircled = 0.5 + (sici(2 * math.pi * x)[0] - np.sin(math.pi * x) ** 2 / (math.pi * x)) / math.pi
-    return np.interp(_shares(count), np.maximum.accumulate(encircled), x)
+    return np.asarray(np.interp(_shares(count), np.maximum.accumulate(encircled), x))
 
 
 @functools.cache
@@ -295,7 +295,7 @@ def _from_a_disc(count: int) -> Floats:
 
     x = np.concatenate([np.linspace(0, 400, 400_001), np.geomspace(400, 2e4, 100_000)[1:]])
     encircled = 1 - j0(x) ** 2 - j1(x) ** 2
-    return np.interp(_shares(count), np.maximum.accumulate(encircled), x)
+    return np.asarray(np.interp(_shares(count), np.maximum.accumulate(encircled), x))
 
 
 @kernel()
