@@ -263,39 +263,28 @@ class Tracer:
 
 def _kicks(opening: ClearAperture, wavelengths: tuple[float, ...], count: int = 4096) -> Floats:
     """Directions of an opening's diffraction at even shares of the light, shape (count, 5): `Tracer.kicks`."""
-    mean = sum(wavelengths) / len(wavelengths)
+    even = _even_shares(opening.half is not None, count) * (sum(wavelengths) / len(wavelengths))
     if opening.half is not None:  # along each side by itself
         (u_x, u_y), (v_x, v_y) = opening.axes
-        first, second = (_across_a_slit(count) * mean / float(2 * half) for half in opening.half)
+        first, second = (even / float(2 * half) for half in opening.half)
         return np.stack([np.ones(count), second * v_x, second * v_y, first * u_x, first * u_y], -1)
-    angle = _from_a_disc(count) * mean / (math.pi * 2 * float(opening.radius))
-    turn = 2 * math.pi * _shares(count)
+    turn = 2 * math.pi * ((np.arange(count) + 0.5) / count)
     nothing = np.zeros(count)
-    return np.stack([angle, np.cos(turn), np.sin(turn), nothing, nothing], -1)
-
-
-def _shares(count: int) -> Floats:
-    return (np.arange(count) + 0.5) / count
+    return np.stack([even / (math.pi * 2 * float(opening.radius)), np.cos(turn), np.sin(turn), nothing, nothing], -1)
 
 
 @functools.cache
-def _across_a_slit(count: int) -> Floats:
-    """Directions up to which a slit sends even shares of its light [wavelengths / width]."""
-    from scipy.special import sici
+def _even_shares(slit: bool, count: int) -> Floats:
+    """Directions of even shares of light from a slit [wavelengths/width] or a disc [wavelengths/circumference]."""
+    from scipy.special import j0, j1, sici
 
-    x = np.concatenate([-np.geomspace(1e-4, 1e4, 500_000)[::-1], np.geomspace(1e-4, 1e4, 500_000)])
-    encircled = 0.5 + (sici(2 * math.pi * x)[0] - np.sin(math.pi * x) ** 2 / (math.pi * x)) / math.pi
-    return np.asarray(np.interp(_shares(count), np.maximum.accumulate(encircled), x))
-
-
-@functools.cache
-def _from_a_disc(count: int) -> Floats:
-    """Angles within which a disc sends even shares of its light [wavelengths / circumference]."""
-    from scipy.special import j0, j1
-
-    x = np.concatenate([np.linspace(0, 400, 400_001), np.geomspace(400, 2e4, 100_000)[1:]])
-    encircled = 1 - j0(x) ** 2 - j1(x) ** 2
-    return np.asarray(np.interp(_shares(count), np.maximum.accumulate(encircled), x))
+    if slit:
+        x = np.concatenate([-np.geomspace(1e-4, 1e4, 500_000)[::-1], np.geomspace(1e-4, 1e4, 500_000)])
+        encircled = 0.5 + (sici(2 * math.pi * x)[0] - np.sin(math.pi * x) ** 2 / (math.pi * x)) / math.pi
+    else:
+        x = np.concatenate([np.linspace(0, 400, 400_001), np.geomspace(400, 2e4, 100_000)[1:]])
+        encircled = 1 - j0(x) ** 2 - j1(x) ** 2
+    return np.asarray(np.interp((np.arange(count) + 0.5) / count, np.maximum.accumulate(encircled), x))
 
 
 @kernel()
