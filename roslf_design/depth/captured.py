@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import partial, reduce
 from typing import Any, TypeVar
 
 import numpy as np
@@ -223,8 +223,8 @@ def _halved(field: LightField, views: int) -> LightField:
     t, s = (slice(axis.size // 2 % every, None, every) for axis in (field.t, field.s))
     rows, columns = (2 * (size // 2) for size in field.values.shape[2:])
     corners = [(t, s, slice(b, rows, 2), slice(a, columns, 2)) for b in (0, 1) for a in (0, 1)]
-    values = np.float32(0.25) * np.sum([field.values[corner] for corner in corners], axis=0)
-    weight = np.min([field.weight[corner] for corner in corners], axis=0)
+    values = np.float32(0.25) * reduce(np.add, [field.values[corner] for corner in corners])
+    weight = reduce(np.minimum, [field.weight[corner] for corner in corners])
     v, u = ((axis[:size:2] + axis[1:size:2]) / 2 for axis, size in ((field.v, rows), (field.u, columns)))
     return LightField(values, weight, field.s[s], field.t[t], u, v, field.pitch)
 

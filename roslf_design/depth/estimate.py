@@ -53,6 +53,8 @@ _BRIGHT = 0.5
 """Light, over the most, from which a microlens without views is not dark: all of them had their neighbours'."""
 _SAME = 0.05
 """Change of disparity up to which another look shows nothing new [pitches]: slopes are right to the square of half."""
+_APART = 0.25, 0.4
+"""Microlenses that the outermost views move by from one candidate to the next; and of means of four, less sharp."""
 _CLEAR = 0.5
 """Chi-square of the best candidate, over that of all, below which it is clearly the best."""
 _ALIKE = 9.0
@@ -507,7 +509,9 @@ class _Views:
         if min(shape) < 4:
             raise ValueError(f"views of {shape[1]} x {shape[0]} microlenses; disparity needs 4 x 4 or more")
         where = _checked("pupil", pupil, field)
-        usable = (field.weight > 0).any(axis=(2, 3)) & np.isfinite(where).any(axis=tuple(range(3, where.ndim))).all(0)
+        # What is the same all over takes no room, and is looked at once.
+        held = field.weight if any(field.weight.strides) else field.weight[..., :1, :1]
+        usable = (held > 0).any(axis=(2, 3)) & np.isfinite(where).any(axis=tuple(range(3, where.ndim))).all(0)
         values, light = (
             each.reshape(-1, *shape) if usable.all() else each[usable] for each in (field.values, field.weight)
         )
@@ -520,22 +524,23 @@ class _Views:
         beside = (np.zeros((2, *grid), np.float32) if aside is None else _checked("aside", aside, field))[:, usable]
         if beside.ndim == 2:
             beside = np.broadcast_to(beside[:, :, None, None], (2, *values.shape))
-        good = known & np.isfinite(values) & (light > 0)
-        # What is the same all over takes no room.
+        used = held[usable]
+        good = known & np.isfinite(values) & (used > 0)
         good = np.broadcast_to(np.True_, values.shape) if good.all() else good
         full: Flags = np.broadcast_to(np.zeros((), np.bool_), values.shape)
         if noise.saturation < math.inf:
             full = good & saturated(field if captured is None else captured, noise)[usable]
         if any(good.strides):
             light = np.where(good, light, np.float32(0))
-        elif light.size and light.min() == light.max():
+        elif used.size and used.min() == used.max():
             light = np.broadcast_to(light.flat[0], light.shape)
         places = np.argwhere(usable)
         steps = (float(field.u[1] - field.u[0]), float(field.v[1] - field.v[0]))
         density = steps[0] if field.hexagonal is not None else 1.0
-        shone = (field if captured is None else captured).weight.max((0, 1))
-        mixed = (shone > _BRIGHT * shone.max()) & ~(field.weight > 0).any((0, 1))
+        shone = (held if captured is None or captured is field else captured.weight).max((0, 1))
+        mixed = (shone > _BRIGHT * shone.max()) & ~(held > 0).any((0, 1))
         unlit = np.where(mixed, DisparityStatus.MIXED, DisparityStatus.NO_LIGHT).astype(np.int8)
+        unlit = np.broadcast_to(unlit, shape)
         return cls(
             np.ascontiguousarray(values), light, full, _read_only(where), _read_only(beside), places,
             _counted(good), _counted(full), unlit, steps, density,
@@ -704,11 +709,13 @@ class _Zones(NamedTuple):
         """Some of them."""
         return self._replace(zones=self.zones[chosen], cells=self.cells[chosen])
 
-    def between(self, low: float, high: float) -> Array:
-        """Disparities to search, equally far from each other, one beyond either end."""
+    def between(self, low: float, high: float, apart: float) -> Array:
+        """Disparities to search, one beyond either end, from each to the next of which the outermost views move so far.
+
+        `apart` is in microlenses.
+        """
         reach = max(float(np.abs(np.where(self.zones[:, 1:2] > 0, self.zones[:, 2:4], 0)).max()), 1e-3)
-        # The outermost views move by a quarter of a microlens from one candidate to the next.
-        steps = max(2, math.ceil((high - low) * reach / (0.25 * min(self.views.steps))))
+        steps = max(2, math.ceil((high - low) * reach / (apart * min(self.views.steps))))
         return low + (high - low) / steps * np.arange(-1.0, steps + 2)
 
 
@@ -723,7 +730,7 @@ def _searched(
     views, noise = every.views, every.noise
     groups = _Zones.of(views, noise, max(abs(low), abs(high)), coarse) if groups is None else groups
     zones, cells, overall, some = groups
-    candidates = groups.between(low, high)
+    candidates = groups.between(low, high, _APART[coarse])
     shape, fine, size, step = overall.shape, views.shape, 1 + coarse, float(candidates[1] - candidates[0])
     window = window // 2 | 1 if coarse else window
     pitches = size * views.steps[0], size * views.steps[1]

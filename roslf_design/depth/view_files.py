@@ -108,25 +108,32 @@ def _folder(folder: Path) -> ViewFiles:
     places = _places(folder, across)
     cells = np.array(list(places))
     low, size = cells.min(axis=0), np.ptp(cells, axis=0) + 1
-    values: Samples | None = None
-    weight = values
+    values, holes = None, {}
     for (row, column), path in places.items():
         view, held = _view(path)
-        if values is None or weight is None:
+        if values is None:
             samples = int(math.prod(size.tolist())) * view.size
             if samples > MOST_SAMPLES:
                 said = f"{size[1]} x {size[0]} views of {view.shape[1]} x {view.shape[0]} px are too many"
                 raise _refused(folder, f"{said} (at most {MOST_SAMPLES / 1e6:.0f} million numbers); leave some out")
-            values, weight = (np.zeros((*size, *view.shape), np.float32) for _ in range(2))
+            values = np.zeros((*size, *view.shape), np.float32)
         if view.shape != values.shape[2:]:
             mine, theirs = (f"{shape[1]} x {shape[0]} px" for shape in (view.shape, values.shape[2:]))
             first = next(iter(places.values())).name
             raise _refused(folder, f"{path.name} has {mine} and {first} {theirs}; views of one light field are alike")
-        values[row - low[0], column - low[1]] = view
-        weight[row - low[0], column - low[1]] = held
+        at = row - low[0], column - low[1]
+        values[at] = view
+        if held is not None:
+            holes[at] = held
     assert values is not None
-    assert weight is not None
     missing = int(math.prod(size.tolist())) - len(places)
+    # What is the same all over takes no room.
+    weight: Samples = np.broadcast_to(np.float32(1), values.shape)
+    if missing or holes:
+        weight = np.zeros(values.shape, np.float32)
+        for row, column in places:
+            at = row - low[0], column - low[1]
+            weight[at] = holes.get(at, 1.0)
     return ViewFiles(_field(values, weight), "views", grid, missing, disparities)
 
 
@@ -158,13 +165,14 @@ def _places(folder: Path, across: int | None) -> dict[tuple[int, int], Path]:
 
 
 def _view(path: Path) -> tuple[Samples, Any]:
+    """Picture of a view, and where something was measured, if not everywhere."""
     try:
         pixels, notes = read_image_and_notes(path)
         view = grey_frame(pixels, None, "view")
     except CalibrationError as error:
         said = str(error).removeprefix(f"{path.name} ")
         raise _refused(path, said) from None
-    return view, (view != 0 if notes.get("unmeasured") == 0 else 1.0)
+    return view, view != 0 if notes.get("unmeasured") == 0 else None
 
 
 def _parameters(path: Path) -> tuple[CameraGrid | None, int, tuple[float, float] | None]:
@@ -279,7 +287,7 @@ def _matlab(path: Path) -> ViewFiles:
 
 def _field(values: Samples, weight: Samples) -> LightField:
     t, s, v, u = (np.arange(length) - (length - 1) / 2 for length in values.shape)
-    if not weight.all():
+    if any(weight.strides) and not weight.all():
         values *= weight > 0
     return LightField(values, weight, s, t, u, v, float(max(values.shape[:2])))
 

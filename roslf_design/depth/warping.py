@@ -42,6 +42,8 @@ _BEYOND = 11
 """Samples that a view is continued beyond its sides before it is made a spline: 0.54^11 of an error comes back."""
 _VECTOR = 16
 """Samples that the widest vectors hold."""
+_LINES = 32
+"""Lines that are made splines together, a multiple of `_VECTOR`."""
 _TILE = 16
 """Rows that are worked out one after the other, by one thread."""
 _OUTSIDE = -9
@@ -83,56 +85,64 @@ def fill_holes(views: Samples, light: Samples) -> None:
 
 
 @kernel()
-def _filter(lines: Floats, pole: float) -> None:
-    """Divide by one pole of a spline, forth and back along the first axis, mirrored at its ends, but for a factor."""
+def _filter(lines: Samples) -> None:
+    """Divide by the poles of a spline, forth and back along the first axis, mirrored at its ends, but for a factor."""
     count, width = lines.shape
-    for u in range(width):
-        power = pole
+    for each in _POLES:
+        pole, power = float32(each), float32(each)
+        last = float32(each / (each * each - 1.0))
         for v in range(1, min(_REACH, count)):
-            lines[0, u] += power * lines[v, u]
+            add(lines[v], power, lines[0])
             power *= pole
-    for v in range(1, count):
+        for v in range(1, count):
+            add(lines[v - 1], pole, lines[v])
         for u in range(width):
-            lines[v, u] += pole * lines[v - 1, u]
-    for u in range(width):
-        lines[count - 1, u] = pole / (pole * pole - 1.0) * (lines[count - 1, u] + pole * lines[count - 2, u])
-    for v in range(count - 2, -1, -1):
-        for u in range(width):
-            lines[v, u] = pole * (lines[v + 1, u] - lines[v, u])
+            lines[count - 1, u] = last * (lines[count - 1, u] + pole * lines[count - 2, u])
+        for v in range(count - 2, -1, -1):
+            for u in range(width):
+                lines[v, u] = pole * (lines[v + 1, u] - lines[v, u])
 
 
 @kernel()
-def _extend(lines: Floats) -> None:
+def _extend(lines: Samples) -> None:
     """Go on beyond both ends, which are `_BEYOND` lines from the sides, as the lines before them turned about them."""
     count, width = lines.shape
     for k in range(1, _BEYOND + 1):
         inner = min(k, count - 2 * _BEYOND - 1)
         first, last = _BEYOND, count - 1 - _BEYOND
         for u in range(width):
-            lines[first - k, u] = 2 * lines[first, u] - lines[first + inner, u]
-            lines[last + k, u] = 2 * lines[last, u] - lines[last - inner, u]
+            lines[first - k, u] = lines[first, u] + (lines[first, u] - lines[first + inner, u])
+            lines[last + k, u] = lines[last, u] + (lines[last, u] - lines[last - inner, u])
 
 
 @kernel(parallel=True)
 def _coefficients(views: Samples, out: Samples) -> None:
     count, rows, columns = views.shape
     for k in prange(count):
-        lying, standing = np.empty((columns + 2 * _BEYOND, rows)), np.empty((rows + 2 * _BEYOND, columns + TAPS - 2))
-        for v in range(rows):
-            for u in range(columns):
-                lying[u + _BEYOND, v] = views[k, v, u]
-        _extend(lying)
-        for pole in _POLES:
-            _filter(lying, pole)
-        for v in range(rows):
-            for u in range(columns + TAPS - 2):
-                standing[v + _BEYOND, u] = lying[u + _BEYOND - 3, v]
-        _extend(standing)
-        for pole in _POLES:
-            _filter(standing, pole)
-        for v in range(rows + TAPS - 2):
-            for u in range(columns + TAPS - 2):
-                out[k, v, u] = standing[v + _BEYOND - 3, u]
+        # So many lines at a time as lie in the nearest cache.
+        lying = np.zeros((columns + 2 * _BEYOND, _LINES), float32)
+        standing = np.zeros((rows + 2 * _BEYOND, _LINES), float32)
+        between = np.empty((rows, columns + TAPS - 2), float32)
+        for top in range(0, rows, _LINES):
+            some = min(_LINES, rows - top)
+            for v in range(some):
+                for u in range(columns):
+                    lying[u + _BEYOND, v] = views[k, top + v, u]
+            _extend(lying)
+            _filter(lying)
+            for v in range(some):
+                for u in range(columns + TAPS - 2):
+                    between[top + v, u] = lying[u + _BEYOND - 3, v]
+        for left in range(0, columns + TAPS - 2, _LINES):
+            some = min(_LINES, columns + TAPS - 2 - left)
+            for v in range(rows):
+                for u in range(some):
+                    standing[v + _BEYOND, u] = between[v, left + u]
+            _extend(standing)
+            _filter(standing)
+            for v in range(rows + TAPS - 2):
+                for u in range(some):
+                    out[k, v, left + u] = standing[v + _BEYOND - 3, u]
 
 
 def spline_coefficients(views: Samples) -> Samples:
@@ -213,7 +223,7 @@ def gather_zones(
 
 
 @kernel()
-def _add(values: NDArray[np.floating], times: float | float32, to: NDArray[np.floating]) -> None:
+def add(values: NDArray[np.floating], times: float | float32, to: NDArray[np.floating]) -> None:
     """Add so many times a row's values: a kernel of its own, of which the compiler makes vectors."""
     for u in range(to.size):
         to[u] += times * values[u]
@@ -229,13 +239,13 @@ def window_sums(values: NDArray[np.floating], window: int, out: NDArray[np.float
         inner[:] = 0.0
         for v in range(-reach, rows):
             if v + reach < rows:
-                _add(values[k, v + reach], 1.0, inner)
+                add(values[k, v + reach], 1.0, inner)
             if v > reach:
-                _add(values[k, v - reach - 1], -1.0, inner)
+                add(values[k, v - reach - 1], -1.0, inner)
             if v >= 0:
                 total[:] = 0.0
                 for a in range(window):
-                    _add(down[a:], 1.0, total)
+                    add(down[a:], 1.0, total)
                 out[k, v] = total
 
 
@@ -728,9 +738,9 @@ def add_pulls(
                 for v in range(top, bottom):
                     inner[:], total[:] = 0.0, 0.0
                     for b in range(max(v - reach, 0), min(v + reach + 1, rows)):
-                        _add(lent[b - low] if last else pull[b - low], 1.0, inner)
+                        add(lent[b - low] if last else pull[b - low], 1.0, inner)
                     for a in range(-reach, reach + 1):
-                        _add(down[beside + a :], 1.0, total)
+                        add(down[beside + a :], 1.0, total)
                     to = information[w, v] if last else square[w, v]
                     for u in range(columns):
                         to[u] += total[u] if last else total[u] * total[u]

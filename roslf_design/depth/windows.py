@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._jit import THREADS, kernel, prange
-from .warping import fill_holes, window_sums
+from .warping import add, fill_holes, window_sums
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -219,22 +219,18 @@ def _fit_windows(
     """
     rows, columns = disparity.shape
     for v in prange(rows):
-        near, down = np.zeros(TERMS), np.zeros((TERMS, columns))
+        sums, down = np.zeros((TERMS, columns)), np.zeros((TERMS, columns + 2 * reach))
         for k in range(TERMS if some[v].any() else 0):
-            line = down[k]
             for b in range(max(v - reach, 0), min(v + reach + 1, rows)):
-                there = terms[k, b]
-                for u in range(columns):
-                    line[u] += there[u]
+                add(terms[k, b], 1.0, down[k, reach : reach + columns])
+            for a in range(2 * reach + 1):
+                add(down[k, a:], 1.0, sums[k])
         for u in range(columns):
             if not some[v, u]:
                 for k in range(11):
                     fit[k, v, u] = math.inf if k == 1 else 0.0
                 continue
-            for k in range(TERMS):
-                near[k] = 0.0
-                for a in range(max(u - reach, 0), min(u + reach + 1, columns)):
-                    near[k] += down[k, a]
+            near = sums[:, u]
             sharp, information, free = near[0], near[9], near[16]
             enough = sharp > max(0.05 * information, 1e-9) and near[17] > quorum
             share = sharp if enough else 1.0
