@@ -1,5 +1,6 @@
 """Errors of disparities whose noise only views tell: against their scatter, where noise is alike and surfaces bend."""
 
+import numba
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -12,9 +13,9 @@ ACROSS, SIZE, NOISE = 7, (64, 120), 0.004
 INNER = slice(8, -8)
 
 
-def estimate(values, believed):
+def estimate(values, believed, weight=None):
     """Disparities of a grid of views, with noise only views tell."""
-    field = field_of(values, np.ones(values.shape, np.float32))
+    field = field_of(values, np.ones(values.shape, np.float32) if weight is None else weight)
     views = GridGeometry(ACROSS, window=7).viewing(field).prepared(field)
     noise = PixelNoise(1e8, 1e8 * believed, measured=True)
     return estimate_disparity(views.field, views.pupil, noise, search=(-2.0, 4.0), window=7, edges=True)
@@ -70,3 +71,19 @@ def test_a_bend_within_a_window_counts_as_an_error(seed):
     ratio = np.abs(error / found.sigma[inner])
     assert 0.55 < np.mean(ratio < 1) < 0.8
     assert np.mean(ratio < 2) > 0.9
+
+
+def test_answers_are_the_same_bytes_on_any_number_of_threads_and_with_weights_that_take_no_room():
+    step = np.where(np.arange(SIZE[1]) < SIZE[1] / 2, seen(1.2, 3), seen(-0.8, 4))  # which is looked past
+    views = step + np.random.default_rng(0).normal(0, NOISE, step.shape).astype(np.float32)
+    runs, before = [], numba.get_num_threads()
+    try:
+        for threads in {1, numba.config.NUMBA_NUM_THREADS}:
+            numba.set_num_threads(threads)
+            runs += [estimate(views, NOISE), estimate(views, NOISE, np.broadcast_to(np.float32(1), views.shape))]
+    finally:
+        numba.set_num_threads(before)
+    assert runs[0].measured.mean() > 0.9
+    for other in runs[1:]:
+        for name in ("disparity", "sigma", "status", "chi2", "views", "picture"):
+            assert getattr(runs[0], name).tobytes() == getattr(other, name).tobytes()
