@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numba
 import numpy as np
@@ -25,6 +27,7 @@ from roslf_design.reporting.printers import render_html
 from studies.depth.made_views import KEPT_BACK, SEEN, TRAINING, MadeViews, made
 
 Floats = NDArray[np.float64]
+T = TypeVar("T")
 
 OUT = Path("reports/depth-views")
 NAME = "input_Cam{:03d}.png"
@@ -52,6 +55,10 @@ class Row(NamedTuple):
     """As `off`, of all pixels, of the structure tensor."""
     plain_seconds: float
     """Of processor, its 17 files read."""
+    waited: float
+    """Until the answer is there on a machine without other work [s], on as many threads as cores."""
+    plain_waited: float
+    """The same of the structure tensor, which has one thread."""
     dense_off: float
     """As `off`, of the pixels filled in."""
     dense_rms: float
@@ -91,17 +98,24 @@ def written(folder: Path, light_field: MadeViews) -> None:
     (folder / TRUTH).write_bytes(pfm_bytes(light_field.disparity))
 
 
+def timed(work: Callable[[], T]) -> tuple[T, float, float]:
+    """Answer, processor time and time until it is there [s]."""
+    start, began = time.process_time(), time.perf_counter()
+    answer = work()
+    return answer, time.process_time() - start, time.perf_counter() - began
+
+
 def measured(scene: str, light_field: MadeViews) -> Row:
     """Disparities of a light field against the truth."""
     true = light_field.disparity
     with tempfile.TemporaryDirectory() as place:
         written(Path(place), light_field)
-        start = time.process_time()
-        run = captured(Path(place), CaptureOptions()).first
-        seconds = time.process_time() - start
-        start = time.process_time()
-        plain = structure_tensor(Path(place), len(light_field.views))
-        plain_seconds = time.process_time() - start
+        threads = numba.get_num_threads()
+        numba.set_num_threads(1)  # threads that wait for each other take processor time
+        run, seconds, _ = timed(lambda: captured(Path(place), CaptureOptions()).first)
+        plain, plain_seconds, plain_waited = timed(lambda: structure_tensor(Path(place), len(light_field.views)))
+        numba.set_num_threads(threads)
+        _, _, waited = timed(lambda: captured(Path(place), CaptureOptions()).first)
     known = run.measured
     error, sigma = np.abs(run.depth - true)[known], run.sigma[known]
     filled = ~known & np.isfinite(run.dense_sigma)
@@ -109,30 +123,44 @@ def measured(scene: str, light_field: MadeViews) -> Row:
     return Row(
         scene, float(known.mean()), float((error > OFF).mean()), float((error < sigma).mean()),
         float(np.median(sigma)), seconds, float((np.abs(plain - true) > OFF).mean()), plain_seconds,
-        float((fill > OFF).mean()), float(np.sqrt((fill**2).mean())), float(np.sqrt((fill_sigma**2).mean())),
-        float((fill < fill_sigma).mean()),
+        waited, plain_waited, float((fill > OFF).mean()), float(np.sqrt((fill**2).mean())),
+        float(np.sqrt((fill_sigma**2).mean())), float((fill < fill_sigma).mean()),
     )  # fmt: skip
 
 
 def table(rows: list[Row], title: str) -> Table:
     """Rows as a table."""
-    heads = ("scene", "known", "off", "within reported", "reported", "seconds", "tensor off", "tensor seconds")
+    heads = (
+        "scene",
+        "known",
+        "off",
+        "within reported",
+        "reported",
+        "seconds",
+        "waited",
+        "tensor off",
+        "seconds",
+        "waited",
+    )
     cells = tuple(
         (r.scene, f"{100 * r.known:.0f} %", f"{100 * r.off:.1f} %", f"{100 * r.inside:.0f} %", f"{r.sigma:.2g}",
-         f"{r.seconds:.1f}", f"{100 * r.plain_off:.0f} %", f"{r.plain_seconds:.2f}")
+         f"{r.seconds:.2f}", f"{r.waited:.2f}", f"{100 * r.plain_off:.0f} %", f"{r.plain_seconds:.2f}",
+         f"{r.plain_waited:.2f}")
         for r in rows
     )  # fmt: skip
     note = (
         f"Off: by more than {OFF:g} px from view to view, of those known; the structure tensor always "
-        "answers. Reported: middle one of the errors [px]; 68 % lie within those that are right. Processor time on one "
-        "thread from files to disparities: 81 read here, 17 by the structure tensor; filling in comes on top."
+        "answers. Reported: middle one of the errors [px]; 68 % lie within those that are right. Seconds: of processor "
+        "on one thread, from files to disparities; waited: with a thread a core, as the command has them. 81 files are "
+        "read here, 17 by the structure tensor, whose are the last three columns; filling in comes on top."
     )
-    return Table(cells, "lrrrrrrr", heads, title, note)
+    return Table(cells, "lrrrrrrrrr", heads, title, note)
 
 
 def bars(rows: list[Row]) -> Table:
     """What scenes kept back are held to, and what they reach."""
     times = float(np.median([row.seconds / row.plain_seconds for row in rows]))
+    waits = float(np.median([row.waited / row.plain_waited for row in rows]))
     inside = [row.inside for row in rows]
     cells = (
         ("known, least", "at least 85 %", f"{100 * min(row.known for row in rows):.0f} %",
@@ -141,7 +169,9 @@ def bars(rows: list[Row]) -> Table:
          all(row.off <= MOST_OFF for row in rows)),
         ("within reported", "60 to 76 %", f"{100 * min(inside):.0f} to {100 * max(inside):.0f} %",
          all(INSIDE[0] <= share <= INSIDE[1] for share in inside)),
-        ("time, over a structure tensor's", "at most 4", f"{times:.1f}", times <= MOST_TIMES),
+        (f"time waited for, {os.cpu_count()} cores, over a structure tensor's", "at most 4", f"{waits:.1f}",
+         waits <= MOST_TIMES),
+        ("processor time, over a structure tensor's", "at most 4", f"{times:.1f}", times <= MOST_TIMES),
     )  # fmt: skip
     note = (
         "The structure tensor works on the middle row and column of views, 17 of 81, and reports no errors; here all "
@@ -184,7 +214,6 @@ def main() -> None:
     parser.add_argument("--seen", action="store_true", help="also those that were kept back before")
     chosen = parser.parse_args()
     chosen.output.mkdir(parents=True, exist_ok=True)
-    numba.set_num_threads(1)  # threads that wait for each other take processor time
     with tempfile.TemporaryDirectory() as place:  # kernels are compiled once
         small = made(TRAINING[0], 1, 48, 9)
         written(Path(place), small)
