@@ -31,8 +31,11 @@ if TYPE_CHECKING:
 Paper = Literal["a4", "letter"]
 PAGES = {"a4": "a4", "letter": "us-letter"}
 """Paper sizes by typst's names."""
-LEAST_SHARE, CLEARANCE, MOST_TRIED = 0.75, 28.0, 16
-"""Share of its size down to which a figure is drawn so that a page is filled; room above it [pt]; figures tried."""
+LEAST_SHARE, CLEARANCE, MOST_TRIED, MOST_ABOVE = 0.72, 28.0, 16, 24.0
+"""Share of its size down to which a figure is drawn so that a page is filled; room above it [pt]; figures tried;
+room more above a block so that the foot of its page is not left empty [pt]."""
+ENDS = ("flow", "float")
+"""Kinds of spots at which blocks end."""
 DOCUMENT = Path(__file__).with_name("templates") / "report.typ"
 
 SCRIPT = Path(__file__).with_name("templates") / "viewer.js"
@@ -105,12 +108,18 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
         fitting: set[str] = set()
         late: set[str] = set()
         shares: dict[str, float] = {}
+        known: dict[str, list[dict[str, Any]]] = {}
+
+        def laid_out(shares: Mapping[str, float], *found: Mapping[str, float]) -> str:
+            choice = json.dumps([shares, sorted(fitting), sorted(late), *(found or ({}, {}))])
+            (root / "figures.json").write_text(choice, encoding="utf-8")
+            return choice
 
         def spots(shares: Mapping[str, float]) -> list[dict[str, Any]]:
-            names = [sorted(fitting), sorted(late)]
-            (root / "figures.json").write_text(json.dumps([shares, *names]), encoding="utf-8")
-            placed: list[dict[str, Any]] = json.loads(pages.query("<spot>", field="value", root=root))
-            return placed
+            choice = laid_out(shares)
+            if choice not in known:
+                known[choice] = json.loads(pages.query("<spot>", field="value", root=root))
+            return known[choice]
 
         for _ in range(2):  # figures that are smaller let others fit, and others no more
             while more := _fitting(spots(shares)) - fitting:
@@ -119,6 +128,7 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
             fitting &= _fitting(spots(shares))
             while more := _above(spots(shares)) - late:
                 late |= more
+        laid_out(shares, _rooms_above(spots(shares)), _parted(spots(shares)))
         return _packed(typeset(pages, timestamp=0, root=root))
 
 
@@ -164,7 +174,8 @@ def _behind_a_gap(
 ) -> tuple[str, dict[str, float]] | None:
     """First figure that begins a page, behind those of the page before, and shares at which all stand there."""
     for end in sorted((at for at in placed if at["image"]), key=lambda at: (at["page"], at["y"])):
-        first = all(at["name"] == end["name"] for at in placed if at["page"] == end["page"] and 0 < at["y"] < end["y"])
+        above = [at for at in placed if at["kind"] in ENDS and at["page"] == end["page"] and 0 < at["y"] < end["y"]]
+        first = all(at["name"] == end["name"] for at in above)
         before = [at for at in placed if at["page"] == end["page"] - 1]
         if end["name"] in tried or not first or not before:
             continue
@@ -177,6 +188,30 @@ def _behind_a_gap(
             if sum(drawn * (1 - smaller[name] / own) for drawn, name, own in figures) >= missing:
                 return end["name"], smaller
     return None
+
+
+def _rooms_above(placed: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Room more above blocks [pt], by key, where else the foot of a page would be left empty; none on the last page."""
+    rooms: dict[str, float] = {}
+    begun = {at["name"]: at["page"] for at in reversed(placed) if at["kind"] in ("top", "line", "part")}
+    ends = {at["name"]: at for at in placed if at["kind"] in ENDS}
+    for page in range(1, max(at["page"] for at in placed)):
+        tops = [at["name"] for at in placed if at["kind"] == "top" and at["page"] == page and at["y"] > 0]
+        here = [at for at in ends.values() if at["page"] == page]
+        over = any(begun.get(name, page + 1) <= page < at["page"] for name, at in ends.items())
+        if here and tops and not over:
+            gap = min(at["foot"] - at["y"] for at in here) - 2
+            rooms |= {name: min(gap / len(tops), MOST_ABOVE) for name in tops if gap > 0}
+    return rooms
+
+
+def _parted(placed: Iterable[Mapping[str, Any]]) -> dict[str, int]:
+    """First pages of tables that go over pages, by key."""
+    parts: dict[str, list[int]] = {}
+    for at in placed:
+        if at["kind"] == "part":
+            parts.setdefault(at["name"], []).append(at["page"])
+    return {name: pages[0] for name, pages in parts.items() if pages[-1] > pages[0]}
 
 
 def page_files(report: Report) -> dict[str, bytes]:

@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import zlib
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -101,8 +102,9 @@ def lines_and(count, *blocks):
     return Report("title", "", (Section("Text", (*(Paragraph(f"line{n}") for n in range(count)), *blocks)),), "")
 
 
-def test_a_figure_stands_where_it_is_told_of_where_it_fits(tmp_path):
+def test_a_figure_stands_where_it_is_told_of_where_it_fits(tmp_path, monkeypatch):
     """Not at the page's foot, behind a gap that the table does not fit into."""
+    monkeypatch.setattr(printers, "MOST_ABOVE", 0.0)
     tall = SVG.replace('viewBox="0 0 9 9" width="9pt" height="9pt"', 'viewBox="0 0 768 500" width="768" height="500"')
     after = (Figure("f", "drawn", "what it shows", tall), Table((("row", "1"),) * 8, "ll"))
     first, second = pages(lines_and(17, *after), tmp_path)
@@ -141,6 +143,31 @@ def test_long_lines_of_a_file_do_not_run_into_its_second_column(tmp_path):
     (second,) = re.findall(r'xMin="([\d.]+)"[^>]*>\[second\]', words)
     ends = [float(x) for x in re.findall(r'xMax="([\d.]+)"[^>]*>w<', words)]
     assert 5 < float(second) - max(ends) < 20
+
+
+def test_a_table_over_pages_says_so_and_one_that_begins_a_page_does_not(tmp_path):
+    long = Table((("row", "1"),) * 40, "ll", ("what", "count"), title="A long one")
+    first, second = pages(lines_and(25, long), tmp_path)
+    assert "A long one" in first
+    assert "continued" not in first
+    assert "A long one, continued" in second
+    assert "what" in second
+    first, second = pages(lines_and(49, replace(long, title="Of page two")), tmp_path)
+    assert "Of page two" not in first
+    assert "Of page two" in second
+    assert "continued" not in second
+
+
+def test_what_a_foot_would_leave_empty_stands_between_blocks(tmp_path, monkeypatch):
+    tall = SVG.replace('viewBox="0 0 9 9" width="9pt" height="9pt"', 'viewBox="0 0 768 900" width="768" height="900"')
+    report = lines_and(34, Figure("f", "drawn", "what it shows", tall))
+    told = []
+    rooms = printers._rooms_above
+    monkeypatch.setattr(printers, "_rooms_above", lambda placed: told.append((placed, rooms(placed))) or told[-1][1])
+    words = pages(report, tmp_path)
+    (placed, more) = told[0]
+    assert max(at["page"] for at in placed) == len(words)  # nothing goes to another page for it
+    assert more == {"0": printers.MOST_ABOVE}
 
 
 def test_a_tall_table_of_few_rows_goes_over_pages(tmp_path):
