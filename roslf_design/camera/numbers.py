@@ -51,12 +51,13 @@ def numbers_of(design: Design) -> dict[str, Number]:
     places += [f"{stop.place}.{key}" for stop in design.openings[1:] for key in stop.part.number_keys]
     places += [f"{part}.{pose}.{axis}" for part in parts for pose in ("decentre", "tilt") for axis in (0, 1)]
     places += [f"{part}.size.{axis}" for part in ("microlens_array", "sensor") for axis in (0, 1)]
+    places += [f"sensor.package.{axis}" for axis in (0, 1) if design.sensor.package is not None]
     places += [f"{TYPES}{k}" for k in range(1, len(array.focal_lengths))]
     places += PHOTOMETRIC
     places += [place for place in OPTIONAL if at(design, place) is not None]
     if design.tube is not None:
-        known = ("outer_diameter", "wall", "length") if design.tube.length else ("outer_diameter", "wall")
-        places += [f"tube.{name}" for name in known]
+        known = ("outer_diameter", "wall", "light_guide", "length")
+        places += [f"tube.{name}" for name in known if getattr(design.tube, name) is not None]
     if design.environment is not None:
         places.append(TEMPERATURE)
     return {**{place: design[place] for place in places}, TIP: design.main_lens.kind.front, **design.bore_numbers}

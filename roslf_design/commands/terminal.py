@@ -87,7 +87,7 @@ class _Log:
         say(f"{step}{left}", error=True)
 
 
-class StatusLine:
+class StatusLine(ExitStack):
     """One line that tells what is being done, gone afterwards; in a log a line now and then.
 
     Parameters
@@ -97,30 +97,22 @@ class StatusLine:
     """
 
     def __init__(self, command: str) -> None:
+        super().__init__()
         self._command = command
-        self._shown = sys.stderr.isatty()
-        self._log = _Log()
-
-    def __enter__(self) -> StatusLine:
-        if not self._shown:
-            self._log.__enter__()
-        return self
+        self._log = None if sys.stderr.isatty() else self.enter_context(_Log())
+        self.callback(self.clear)
 
     def tell(self, what: str) -> None:
         """Replace the line."""
-        if self._shown:
+        if self._log is None:
             print(f"\r\x1b[2K{self._command}: {printable(what)} ...", end="", file=sys.stderr, flush=True)
         else:
             self._log.tell(f"{self._command}: {what}")
 
     def clear(self) -> None:
         """Take the line away."""
-        if self._shown:
+        if self._log is None:
             print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
-
-    def __exit__(self, *_: object) -> None:
-        self._log.__exit__()
-        self.clear()
 
 
 def tell_cost(seconds: float, why: str, is_compiled: bool = True) -> None:

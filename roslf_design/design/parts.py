@@ -353,6 +353,8 @@ class Sensor(OpticalPart):
     """Pixel pitch [mm], before the relay."""
     size: Size
     """Width and height [mm], before the relay; or, in its place, how many pixels that is: pixels = [4056, 3040]."""
+    package: Size | None = None
+    """Width and height of its package, which a tube must hold [mm]; None: only its pixels are known to take room."""
     relay_magnification: Annotated[float, Field(gt=0, ge=1e-6, le=1e6)] = 1.0
     """Magnification of a relay between the MLA's image plane and the sensor, where a pixel is then 1/magnification as
     large."""
@@ -423,13 +425,16 @@ class Housing(Part):
     """[mm]."""
     wall: Length
     """Thickness of its wall [mm]."""
+    light_guide: Length | None = None
+    """Thickness of a ring of light fibres within the wall [mm]; None where the file says nothing of light."""
     length: Length | None = None
     """Length from the tip [mm]; what lies farther back need not fit inside. None: everything must."""
 
     @model_validator(mode="after")
     def _hollow(self) -> Housing:
-        if 2 * self.wall >= self.outer_diameter:
-            raise ValueError("the wall is half the outer diameter or more, which leaves no room; make it thinner")
+        if 2 * (self.wall + (self.light_guide or 0.0)) >= self.outer_diameter:
+            what = "the wall is" if self.light_guide is None else "wall and light_guide are"
+            raise ValueError(f"{what} half the outer diameter or more, which leaves no room; make it thinner")
         return self
 
 

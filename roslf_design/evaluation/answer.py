@@ -212,7 +212,7 @@ class FirstAnswer:
         more = "; the lens draws the scene smaller there" if self.corner_light > SMALLER else ""
         rows.append(("light in the corner", light, f"of that in the middle of the field{more}"))
         outer = f"{number(self.outer_diameter_mm, 4)} mm"
-        about = "narrowest tube about the optics," if self.outer_diameter_counts == tube.BARE else "tube"
+        about = "narrowest tube about the optics," if self.outer_diameter_counts.startswith("without") else "tube"
         rows.append(("outer diameter", outer, f"{about} {self.outer_diameter_counts}"))
         return tuple(rows)
 

@@ -257,16 +257,18 @@ def lit(answer: FirstAnswer) -> Verdict:
 
 
 def _fits(camera: Camera) -> Verdict:
-    outer, wall, room = float(camera[tube.OUTER]), float(camera[tube.WALL]), float(tube.room(camera))
+    outer, wall, room = float(camera[tube.OUTER]), float(tube.shell(camera)), float(tube.room(camera))
     within = [part for part in tube.housed(camera) if part.inside(camera)]
     wide = [part for part in within if part.width > room * (1 + FEASIBLE)]
-    holds = f"{outer:.4g} mm outside and a wall of {wall:.4g} mm leave {room:.4g} mm"
+    walls = "a wall with its light guide" if tube.GUIDE in camera.numbers else "a wall"
+    holds = f"{outer:.4g} mm outside and {walls} of {wall:.4g} mm leave {room:.4g} mm"
+    uncounted = f" ({tube.uncounted(camera)})" if tube.uncounted(camera) else ""
     if not wide:
         widest = max(within, key=lambda part: float(part.width))
-        text = f"fits inside the tube: {holds}; widest is {the(widest.name)}, {float(widest.width):.4g} mm"
+        text = f"fits inside the tube: {holds}; widest is {the(widest.name)}, {float(widest.width):.4g} mm{uncounted}"
         return Verdict.of("fits_tube", text)
     parts = [f"{part.name} ({float(part.width):.4g} mm, {float(part.width) - room:.4g} mm too much)" for part in wide]
-    text = f"does not fit inside the tube: {holds}; too wide: {', '.join(parts)}"
+    text = f"does not fit inside the tube: {holds}; too wide: {', '.join(parts)}{uncounted}"
     needed = _rounded_up(max(float(part.width) for part in wide) + 2 * wall)
     return Verdict.of("fits_tube", text, f"smaller ones, or a tube of {needed} mm outside")
 
@@ -390,8 +392,7 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
                 f"at the field's corner rays meet the sensor at up to {steepest:.3g} degrees, where its pixels lose "
                 f"{100 * lost:.3g} % of the light (half at {math.degrees(design.sensor.acceptance):.3g} degrees); of "
                 f"the whole microlens image {100 * (1 - kept):.3g} % is lost there, which makes depth noise about "
-                f"{kept**-0.5:.3g} times as large; "
-                "an exit pupil farther away (d_3 nearer to f) or slower microlenses meet it straighter"
+                f"{kept**-0.5:.3g} times as large; {_straighter(camera, kept)}"
             )
     if 1 < float(fill_factor(camera)) < math.inf and (full := share_saturated(camera)) > TAKEN_LOSS:
         yield (
@@ -412,6 +413,20 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
             yield f"field {place(field.x_ml_mm)} mm is beyond the MLA (half size {half_x:g} x {half_y:g} mm)"
         if field.status == "dark":
             yield f"field {place(field.x_ml_mm)} mm gets no light: the rims' images do not overlap there"
+
+
+def _straighter(camera: Camera, kept: float) -> str:
+    """Ways to meet the sensor straighter at the corner, where pixels take the share `kept`, by what slants there."""
+    middle, radius = float(response(camera, 0.0)), float(sensor_field(camera).radius)
+    relay = float(camera["sensor.relay_magnification"])
+    lean = math.degrees(math.atan(abs(radius * float(camera.seen.vergence)) / relay))
+    cone = f"in the middle, where images come straight, {100 * (1 - middle):.3g} % is lost"
+    if 1 - middle > (1 - kept) / 2:
+        return f"{cone}: it is the width of their cone, which slower microlenses narrow and no exit pupil does"
+    return (
+        f"{cone}: it is the lean of chief rays, {lean:.3g} degrees at the corner, which a smaller sensor or an exit "
+        "pupil farther away (d_3 nearer to f) lessens, and a sensor made for chief rays that lean so takes"
+    )
 
 
 class Near(NamedTuple):

@@ -11,7 +11,7 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 
 from pydantic import FiniteFloat, ValidationError, validate_call
 
-from ..design import Design, DesignError, dumps, loads, preset_names
+from ..design import Design, DesignError, dumps, preset_names
 from ..design.files import WRITTEN
 from ..drawing.picture import Picture, notice
 from ..drawing.solid import BrowserMesh, changed
@@ -19,7 +19,7 @@ from ..drawing.theme import ThemeName
 from ..errors import FAULTS, InputError, cause
 from ..evaluation import evaluate
 from ..reporting.design.instrument import scene
-from ..theory.limits import as_design
+from ..theory.limits import as_design, design_of_text
 from .fixes import Fix, proposals
 from .forms import Options, forms
 from .jobs import Failure, Later, ProcessJob, Progress
@@ -275,7 +275,7 @@ class Session:
             self._say(f"{name}: is too large for a design file")
         else:
             # Whoever wrote it named files of a machine that is not this one.
-            self._load(lambda: as_design(loads(text, name, folder=None), name))
+            self._load(lambda: design_of_text(text, name))
 
     def load_path(self, path: str) -> None:
         """Load a design that ships, by its name, or a file of the machine that the explorer runs on."""

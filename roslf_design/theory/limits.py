@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
-from ..design import Design, load
+from ..design import Design, load, loads
 from ..design.check import DesignError
 from ..design.required import Required, readable
 from ..errors import Problem
-from ..toml_files import read_toml
+from ..toml_files import parse_toml, read_toml
 from .quantities import quantity_named
 from .quantity import Quantity
 
@@ -21,16 +22,27 @@ _Limits = tuple[Required, Quantity, float | None, float | None]
 def as_design(design: Design | str | os.PathLike[str], origin: str = "") -> Design:
     """Design given, or the one of a path or a preset's name; all errors of `load`, and of `limits`, which checks it."""
     if not isinstance(design, Design):
-        origin = os.fspath(design)
-        try:
-            design = load(design)
-        except DesignError as error:
-            if not any(problem.key for problem in error.problems):  # no file that can be read
-                raise
-            _, asked = _read(readable(read_toml(Path(origin), origin).get("required")))
-            raise DesignError(tuple(dict.fromkeys((*error.problems, *asked))), error.origin) from None
+        path = origin = os.fspath(design)
+        design = _with_all_faults(lambda: load(path), lambda: read_toml(Path(path), path))
     limits(design, origin)
     return design
+
+
+def design_of_text(text: str, origin: str) -> Design:
+    """Design of TOML text that someone else wrote, which opens no file of this machine; errors as of `as_design`."""
+    read = _with_all_faults(lambda: loads(text, origin, folder=None), lambda: parse_toml(text, origin))
+    return as_design(read, origin)
+
+
+def _with_all_faults(read: Callable[[], Design], values: Callable[[], Mapping[str, Any]]) -> Design:
+    """Design as read; where that fails, the faults of what it requires are told with the others."""
+    try:
+        return read()
+    except DesignError as error:
+        if not any(problem.key for problem in error.problems):  # nothing that can be read
+            raise
+        _, asked = _read(readable(values().get("required")))
+        raise DesignError(tuple(dict.fromkeys((*error.problems, *asked))), error.origin) from None
 
 
 def limits(design: Design, origin: str = "") -> list[_Limits]:

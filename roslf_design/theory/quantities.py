@@ -278,7 +278,8 @@ def _tube_remark(c: Camera) -> str:
     if tube.OUTER in c.numbers:
         return f"of the tube about clear apertures and sensor{unfolded}; {tube.walls(c)}"
     widest = max(tube.housed(c), key=lambda part: float(part.width)).name
-    return f"of the narrowest tube about clear apertures and sensor{unfolded}, widest: {widest}; mounts come on top"
+    counted = f"of the narrowest tube about clear apertures and sensor{unfolded}, widest: {widest}"
+    return f"{counted}; {tube.uncounted(c)}; mounts come on top"
 
 
 def _length_remark(c: Camera) -> str:

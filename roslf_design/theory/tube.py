@@ -13,9 +13,8 @@ from ..camera import Camera
 from ..design import PATHS
 from ..words import number
 
-BARE = "without its wall"
-"""Words on a tube that no design states."""
-WALL, LENGTH, OUTER = "tube.wall", "tube.length", "tube.outer_diameter"
+WALL, GUIDE, LENGTH, OUTER = "tube.wall", "tube.light_guide", "tube.length", "tube.outer_diameter"
+PACKAGE = "sensor.package"
 
 
 class _Housed(NamedTuple):
@@ -45,7 +44,7 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
         return _Housed(name, width + 2 * np.hypot(numbers[f"{key}.decentre.0"], numbers[f"{key}.decentre.1"]), place)
 
     def diagonal(key: str) -> Number:
-        size: Number = np.hypot(numbers[f"{key}.size.0"], numbers[f"{key}.size.1"])
+        size: Number = np.hypot(numbers[f"{key}.0"], numbers[f"{key}.1"])
         return size
 
     parts = [
@@ -56,15 +55,38 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
     parts += [part(at.name, at.at.place, at.diameter, at.end) for at in wide]
     array, d_2 = -numbers[PATHS["d_1"]] - c.lens.gap, numbers[PATHS["d_2"]]
     parts.append(part("main lens", "main_lens", numbers[PATHS["D"]], 0.0))
-    parts.append(part("microlens array", "microlens_array", diagonal("microlens_array"), array))
-    if np.all(np.equal(numbers["sensor.relay_magnification"], 1)):
-        parts.append(part("sensor", "sensor", diagonal("sensor"), array - d_2))
+    parts.append(part("microlens array", "microlens_array", diagonal("microlens_array.size"), array))
+    if _holds_sensor(c):
+        parts.append(part("sensor", "sensor", diagonal(PACKAGE if _packaged(c) else "sensor.size"), array - d_2))
     return tuple(parts)
+
+
+def _holds_sensor(c: Camera) -> bool:
+    """Whether the sensor stands behind the array, and no relay between them."""
+    return bool(np.all(np.equal(c.numbers["sensor.relay_magnification"], 1)))
+
+
+def _packaged(c: Camera) -> bool:
+    """Whether the sensor's package is known."""
+    return f"{PACKAGE}.0" in c.numbers
+
+
+def shell(c: Camera) -> Number:
+    """Thickness of wall and light guide about the parts [mm]; 0 where no design states a tube."""
+    return c.numbers.get(WALL, 0.0) + c.numbers.get(GUIDE, 0.0)
+
+
+def uncounted(c: Camera) -> str:
+    """Things that stand in a scope's tube and that its width does not count, in words; empty where it counts all."""
+    package = _holds_sensor(c) and not _packaged(c)
+    left = {"wall": OUTER not in c.numbers, "sensor package": package, "light guide": GUIDE not in c.numbers}
+    names = [name for name, out in left.items() if out]
+    return f"without {' or '.join(filter(None, (', '.join(names[:-1]), names[-1])))}" if names else ""
 
 
 def room(c: Camera) -> Array:
     """Width that the tube leaves its parts [mm]; infinite where no design states one."""
-    return np.asarray(c.numbers[OUTER] - 2 * c.numbers[WALL] if OUTER in c.numbers else np.inf)
+    return np.asarray(c.numbers[OUTER] - 2 * shell(c) if OUTER in c.numbers else np.inf)
 
 
 def widest_fap(c: Camera) -> Array:
@@ -73,14 +95,16 @@ def widest_fap(c: Camera) -> Array:
 
 
 def walls(c: Camera) -> str:
-    """Walls that the outer diameter counts, in words, and the tube as the design states it."""
+    """Walls that the outer diameter counts, in words, the tube as the design states it, and what is not counted."""
     if OUTER not in c.numbers:
-        return BARE
-    outer, wall, narrowest = float(c[OUTER]), float(c[WALL]), float(np.max(_about(c)))
-    parts = f"parts of {number(narrowest - 2 * wall, 4)} mm and walls of {number(wall, 4)} mm"
+        return uncounted(c)
+    outer, wall, narrowest = float(c[OUTER]), float(shell(c)), float(np.max(_about(c)))
+    walls = "walls with light guide" if GUIDE in c.numbers else "walls"
+    parts = f"parts of {number(narrowest - 2 * wall, 4)} mm and {walls} of {number(wall, 4)} mm"
+    told = f"as stated: {parts}, clearance {number(outer - narrowest, 3, 1e-9)} mm"
     if outer < narrowest * (1 - 1e-9):
-        return f"with its wall: {parts}; {number(outer, 4)} mm as stated is too narrow"
-    return f"as stated: {parts}, clearance {number(outer - narrowest, 3, 1e-9)} mm"
+        told = f"with its wall: {parts}; {number(outer, 4)} mm as stated is too narrow"
+    return "; ".join(filter(None, (told, uncounted(c))))
 
 
 def outer_diameters(c: Camera) -> Array:
@@ -91,7 +115,7 @@ def outer_diameters(c: Camera) -> Array:
 
 def _about(c: Camera) -> Array:
     """Outer diameter of a tube about each of `housed` [mm], shape (K, ...); for what lies behind it, about the FAP."""
-    parts, wall = housed(c), c.numbers.get(WALL, 0.0)
+    parts = housed(c)
     fap = parts[0].width
-    widths = [np.where(part.inside(c), part.width, fap) + 2 * wall for part in parts]
+    widths = [np.where(part.inside(c), part.width, fap) + 2 * shell(c) for part in parts]
     return np.stack(np.broadcast_arrays(*widths))

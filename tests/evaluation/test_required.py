@@ -107,7 +107,7 @@ def test_an_outer_diameter_that_is_required_is_that_of_the_tube_stated():
     tube = asked('outer_diameter_mm = {max = "4 mm"}').replace({"tube": {"outer_diameter": 4.0, "wall": 0.1}})
     result = roslf.evaluate(tube)
     assert (result.required[0].value, result.answer.outer_diameter_mm) == (4.0, 4.0)
-    says = "as stated: parts of 3 mm and walls of 0.1 mm, clearance 0.8 mm"
+    says = "as stated: parts of 3 mm and walls of 0.1 mm, clearance 0.8 mm; without sensor package or light guide"
     assert says in result.verdicts[0].text
     assert result.required[0].counts == result.answer.outer_diameter_counts == says
     assert ("outer diameter", "4 mm", f"tube {says}") in result.answer.rows
@@ -180,7 +180,7 @@ def test_limits_are_written_for_studies_as_files_have_them():
 def test_the_data_sheet_says_whether_it_is_met():
     rows = [row for row in basis(asked('outer_diameter_mm = {max = "2 mm"}')).rows if row.subject == "Required"]
     assert [(row.value, row.unit, row.remark) for row in rows] == [
-        (3.0, "mm", "not met: at most 2 mm; without its wall")
+        (3.0, "mm", "not met: at most 2 mm; without wall, sensor package or light guide")
     ]
 
 

@@ -14,6 +14,7 @@ from roslf_design.camera import Camera
 from roslf_design.evaluation.specification import specification
 from roslf_design.theory.light import sensor_field
 from roslf_design.theory.object_space import ObjectSpaceFaces
+from roslf_design.theory.photometry import response
 from roslf_design.theory.stop_images import MicrolensImages
 from tests.commands.test_cli import run
 
@@ -327,6 +328,14 @@ def test_slanting_rays_at_the_sensor_are_told_with_what_they_lose():
     kept = (0.5 ** (np.degrees(np.arctan(points / design.d_2)) / 10) ** 2).mean()
     lost = float(re.search(r"image ([\d.]+) % is lost", told)[1]) / 100
     assert 1 - lost == pytest.approx(kept, abs=1e-3)  # three digits told
+    # The chief rays' lean takes it, and what the words say mends it: a pupil at infinity leaves what the middle loses.
+    assert "it is the lean of chief rays" in told
+    straight = Camera.of(design.replace(d_3=design.f))
+    assert float(response(straight, sensor_field(straight).radius)) == pytest.approx(float(response(straight, 0.0)))
+    assert float(response(straight, 0.0)) > 0.9 > 0.1 > float(response(camera, sensor_field(camera).radius))
+    at_infinity = design.replace({"d_3": design.f, "sensor.acceptance": math.radians(2.0)})
+    (told,) = [text for text in roslf.evaluate(at_infinity).warnings if "rays meet the sensor" in text]
+    assert "slower microlenses narrow and no exit pupil does" in told
     wide = roslf.load("paper").replace({"sensor.acceptance": math.radians(80.0)})
     assert not any("rays meet the sensor" in text for text in roslf.evaluate(wide).warnings)
     with pytest.raises(roslf.DesignError, match="between 0 and 90 degrees"):

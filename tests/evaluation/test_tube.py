@@ -1,5 +1,7 @@
 """What fits inside the tube of a scope, by hand: widths, decentres, what lies behind a short tube; and limits on it."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from roslf_design.design import DesignError, dumps, loads, save
 from roslf_design.explorer.fixes import proposals
 from roslf_design.optimization.solve import Settings, solve
 from roslf_design.optimization.variables import name_faults
+from roslf_design.theory.tube import housed, room
 from tests.optimization.posing import goal, limit, posed
 
 TUBE = {"outer_diameter": 10.0, "wall": 0.25}
@@ -168,3 +171,21 @@ def test_the_optimiser_holds_it(scope):
     named = np.array(["outer_diameter" in row.label for row in problem.rows])
     assert np.array_equal(np.all(rows[named] <= 0, axis=0), by_hand <= 7)
     assert "is nothing that can vary" in next(name_faults(("tube.wall",), problem.base.numbers))
+
+
+def test_a_tube_counts_the_sensors_package_and_a_light_guide_and_says_what_it_does_not():
+    scope = roslf.load("rigid-scope").replace({"tube": {"outer_diameter": 4.0, "wall": 0.1}})
+    bare = fits(scope).text
+    assert "without sensor package or light guide" in bare
+    packaged = scope.replace({"sensor.package": (2.0, 2.4)})
+    camera = Camera.of(packaged)
+    assert {part.name: float(part.width) for part in housed(camera)}["sensor"] == pytest.approx(math.hypot(2.0, 2.4))
+    assert "without light guide" in fits(packaged).text
+    lit = packaged.replace({"tube.light_guide": 0.35})
+    assert float(room(Camera.of(lit))) == pytest.approx(4.0 - 2 * (0.1 + 0.35))
+    held = fits(lit)
+    assert "does not fit" in held.text  # 3.12 mm of package in 3.1 mm
+    assert "wall with its light guide of 0.45 mm" in held.text
+    assert "without" not in held.text
+    with pytest.raises(DesignError, match="wall and light_guide are half the outer diameter"):
+        lit.replace({"tube.light_guide": 1.95})

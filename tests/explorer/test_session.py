@@ -375,9 +375,14 @@ def test_an_uploaded_design_opens_no_lens_file(tmp_path):
 
 def test_a_design_that_requires_what_is_no_quantity_is_refused(tmp_path):
     file = tmp_path / "x.toml"
-    file.write_text(dumps(PAPER) + "[required]\nu_zz = {max = 1}\n")
-    for load_it in (("load_text", "x.toml", file.read_text()), ("load_path", str(file))):
-        assert f"{load_it[1]}: required.u_zz: 'u_zz' is no" in played(Session(PAPER), load_it)["message"]
+    required = "[required]\nu_zz = {max = 1}\n"
+    for text in (dumps(PAPER), dumps(PAPER).replace("[sensor]", "[sensor]\nwell = 3")):
+        file.write_text(text + required)
+        for load_it in (("load_text", "x.toml", file.read_text()), ("load_path", str(file))):
+            message = played(Session(PAPER), load_it)["message"]
+            assert "required.u_zz: 'u_zz' is no" in message
+            assert message.startswith(load_it[1])
+            assert ("sensor.well" in message) == ("well" in text)  # all faults at once
 
 
 def test_a_file_too_large_for_a_design_is_refused():
