@@ -287,6 +287,7 @@ def _image_keys(design: Design, on_picture: bool = False) -> list[Key]:
         *openings,
         box_key("own cell", "none", 1.0, "green", 1.8),
         chief,
+        *([Key("black 0 to white 1, or max", ())] if on_picture else []),
     ]
 
 
