@@ -12,6 +12,7 @@ import numpy as np
 
 from .._arrays import Array, by_value
 from ..theory.quantity import FEASIBLE
+from ..words import listed, number
 from .goals import Side
 from .problem import FRESH_POINTS, DesignProblem, sobol_units
 from .search import Guard, SearchBudget, least_violation, violation_of
@@ -76,7 +77,17 @@ class Conflict:
             return f"within the bounds stands no camera ({', '.join(self.always) or 'nothing can be built'})"
         doubt = "" if self.complete else " (a smaller set was not excluded before the budget was spent)"
         views = ", of microlenses that image the pupil (microlens_in_focus = true lets f_ml follow)" * self.by_views
-        return f"within the bounds, these cannot hold together: {' and '.join(self.smallest)}{views}{doubt}"
+        clash = "these cannot hold together:" if len(self.smallest) > 1 else "nothing holds"
+        return f"within the bounds, {clash} {' and '.join(self.smallest)}{views}{doubt}"
+
+    @property
+    def missed(self) -> str:
+        """Every limit that the least-violating point misses, with what it has there, in words; empty where none."""
+        got = [
+            f"{one.limit} {number(one.wanted)} (got {number(one.value)}{f' {one.unit}' if one.unit else ''})"
+            for one in self.violations
+        ]
+        return f"The least-violating point misses {listed(got)}." if got else ""
 
     def to_dict(self) -> dict[str, Any]:
         """As results have it."""
@@ -107,6 +118,7 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
         return Conflict(unit, 0.0, feasible_after_all=True, undefined=lost or tuple(g.label for g in problem.goals))
     smallest, complete = _smallest(pool, len(problem.constraints))
     clashing = sorted(smallest)
+    relaxations = [pool.alone(index, side) for index in clashing for side in problem.constraints[index].limits]
     missed = {
         constraint.limit_words(row.side): _Violation(
             constraint.limit_words(row.side),
@@ -118,6 +130,8 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
         if over > FEASIBLE and row.constraint >= 0
         for constraint in [problem.constraints[row.constraint]]
     }
+    # What else is missed helps not at all alone: the smallest set goes without it.
+    others = [one for one in missed.values() if one.limit not in {way.label for way in relaxations}]
     over = zip(problem.rows, rows, strict=True)
     missing = dict.fromkeys(row.label for row, by in over if row.constraint < 0 and by > FEASIBLE)
     return Conflict(
@@ -126,7 +140,7 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
         violations=tuple(missed.values()),
         smallest=tuple(str(problem.constraints[index]) for index in clashing),
         complete=complete,
-        relaxations=tuple(pool.alone(index, side) for index in clashing for side in problem.constraints[index].limits),
+        relaxations=(*relaxations, *(_Relaxation(one.limit, one.wanted, None, one.unit) for one in others)),
         bounds=tuple(
             f"{name} {variable.end(place > 0.5)}"
             for (name, variable), place in zip(problem.variables.items(), unit, strict=True)

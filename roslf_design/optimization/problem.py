@@ -151,9 +151,13 @@ class DesignProblem:
     def values(self, units: Array) -> dict[str, Array]:
         """Place of a camera to its values [mm]; units as for `cameras`.
 
-        Derived lengths are turned into those that they set, and what varies of a real lens into its focal length.
+        Derived lengths are turned into those that they set, and what varies of a real lens into its focal length. Where
+        that varies alone of f, d_f and d_1, the design's focal plane stays if it states one, and d_1 follows.
         """
-        return as_places(self.main_lens.as_lengths(self._values(units)), self.base)
+        places = as_places(self.main_lens.as_lengths(self._values(units)), self.base)
+        if FOCAL in places and not places.keys() & CONJUGATES[1:] and self.design.microlens_array.distance is None:
+            places[CONJUGATES[1]] = np.full(np.shape(units)[:-1], self.design.d_f)
+        return places
 
     def named(self, unit: Array) -> dict[str, float]:
         """Variable name to its value at one point [mm]."""
@@ -185,7 +189,21 @@ class DesignProblem:
         own, third = {PATHS.get(name, name) for name in self.variables}, follower(self._set_places)
         moved = [*self._set_places, *([third] if third else []), *([PATHS["f_ml"]] if self.in_focus else [])]
         camera, symbols = self.cameras(unit), {place: symbol for symbol, place in PATHS.items()}
-        return {symbols.get(place, place): float(camera[place]) for place in dict.fromkeys(moved) if place not in own}
+        moved = [place for place in dict.fromkeys(moved) if place not in own and place not in self._held]
+        return {symbols.get(place, place): float(camera[place]) for place in moved}
+
+    def held(self, unit: Array) -> dict[str, float]:
+        """That one of d_f and d_1 which stays where f varies, by symbol, with its value [mm]."""
+        camera = self.cameras(unit)
+        return {symbol: float(camera[PATHS[symbol]]) for symbol in ("d_f", "d_1") if PATHS[symbol] in self._held}
+
+    @cached_property
+    def _held(self) -> tuple[str, ...]:
+        """Places of that."""
+        own = {PATHS.get(name, name) for name in self.variables}
+        if FOCAL not in self._set_places or "working_distance" in own:
+            return ()
+        return tuple(key for key in CONJUGATES[1:] if key not in own and key != follower(self._set_places))
 
     def traces(self, cameras: Camera, lens: VariedLens | None = None) -> FieldTraces | None:
         """Traces at the fields of cameras behind a real lens; None where no field is asked for."""

@@ -209,6 +209,10 @@ class Answer:
         """Value [mm] of what moved with the variables."""
         return self.problem.following(self.unit)
 
+    def held(self) -> dict[str, float]:
+        """Value [mm] of that one of d_f and d_1 which stayed where f varied."""
+        return self.problem.held(self.unit)
+
     def number(self, part: Constraint | Goal) -> float:
         """Value of a constraint's or goal's quantity."""
         return self.problem.number(part, self.unit)

@@ -333,6 +333,7 @@ class Result:
             "runs_off": answer.runs_off,
             **lengths_and_numbers(answer.variables()),
             "following_mm": answer.followers(),
+            "held_mm": answer.held(),
             "goals": [_part(answer, goal) | {"direction": goal.direction} for goal in answer.asked.goals],
             "constraints": [_part(answer, c) | {"min": c.min, "max": c.max} for c in answer.asked.constraints],
             "required": self.required,

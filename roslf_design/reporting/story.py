@@ -536,8 +536,8 @@ def _nothing(result: Result, name: str) -> str:
     """Reason why an optimisation has no design of that name."""
     if not result.answer.feasible:
         conflict = result.answer.conflict
-        clash = " and ".join(conflict.smallest) if conflict is not None else "its limits"
-        return f"no design was found to go on with: {clash} cannot hold together; roslf optimize reports the ways out"
+        why = "its limits cannot hold together" if conflict is None else conflict.reason
+        return f"no design was found to go on with: {why}; roslf optimize reports the ways out"
     known = ", ".join(file.removesuffix(".toml") for file, _ in result.designs())
     return f"found no '{name}' to take; it has {known}"
 

@@ -47,6 +47,7 @@ def test_derived_lengths_set_the_places_they_mean():
     ("bounds", "followers"),
     [
         ({"f": (90, 110)}, {"d_f", "f_ml"}),
+        ({"f": (90, 110), "working_distance": (100, 300)}, {"d_f", "d_1", "f_ml"}),
         ({"d_1": (130, 150)}, {"d_f", "f_ml"}),
         ({"d_f": (300, 400)}, {"d_1", "f_ml"}),
         ({"f": (90, 110), "d_f": (350, 350)}, {"d_1", "f_ml"}),
@@ -62,6 +63,20 @@ def test_what_moves_without_being_a_variable_is_named_with_its_value(bounds, fol
     assert following == pytest.approx({symbol: getattr(design, symbol) for symbol in followers}, rel=1e-12)
     moved = {s for s in ("f", "d_f", "d_1", "f_ml") if getattr(design, s) != pytest.approx(getattr(PAPER, s), rel=1e-9)}
     assert moved <= followers | set(bounds)
+
+
+@pytest.mark.parametrize(("stated", "stays", "follows"), [("d_f", "d_f", "d_1"), ("d_1", "d_1", "d_f")])
+def test_where_f_varies_what_the_design_states_stays_and_is_named(stated, stays, follows):
+    """d_1 stayed though the file gave the focal plane: no lens then had another working distance."""
+    design = PAPER.replace({stated: getattr(PAPER, stated), "f": PAPER.f})
+    problem = posed({"f": (90, 110)}, (), *DEPTH, design=design)
+    unit = np.array([0.2])
+    best, f = problem.design_at(unit), 90 + 0.2 * 20
+    assert problem.held(unit) == {stays: pytest.approx(getattr(PAPER, stays), rel=1e-12)}
+    other = 1 / (1 / f - 1 / getattr(PAPER, stays))
+    assert problem.following(unit) == {follows: pytest.approx(other, rel=1e-9)}
+    assert (best.f, getattr(best, stays)) == pytest.approx((f, getattr(PAPER, stays)), rel=1e-12)
+    assert posed({"f": (90, 110), "d_f": (300, 400)}, (), *DEPTH).held(np.full(2, 0.5)) == {}
 
 
 def test_microlenses_in_focus():

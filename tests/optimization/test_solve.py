@@ -212,6 +212,11 @@ def test_no_optimum_is_claimed_and_the_smallest_conflict_is_named(refused):
     assert refused.active == ()
     assert refused.violation > 0.1
     assert refused.conflict.violations
+    told = [f"{one.limit} {one.wanted:g} (got " for one in refused.conflict.violations]
+    assert all(words in refused.conflict.missed for words in told)
+    rows = [way.label for way in refused.conflict.relaxations]
+    assert {one.limit for one in refused.conflict.violations} <= set(rows)
+    assert len(rows) == len(set(rows))
     assert refused.conflict.complete
     assert refused.conflict.smallest == ("field_half_diagonal_mm >= 60 mm", "sigma_z_mm <= 0.5 mm")
     # Each of the two can hold without the other, together with all the rest.

@@ -198,8 +198,8 @@ def test_a_study_without_a_design_tells_what_stands_in_the_way(folder, few_build
     (folder / "optimize.toml").write_text(impossible)
     report = study_report("optimize", folder / "optimize.toml")
     assert [section.title for section in report.sections] == ["Summary", "Optimisation", "How this report was made"]
-    assert "cannot hold together" in report.sections[0].blocks[0].items[0].text
-    with pytest.raises(InputError, match=r"story.toml: parts.0: no design was found to go on with: .*cannot hold"):
+    assert "nothing holds" in report.sections[0].blocks[0].items[0].text
+    with pytest.raises(InputError, match=r"story.toml: parts.0: no design was found to go on with: .*nothing holds"):
         story_report(load_story_or_study(folder / "story.toml")[1])
 
 

@@ -307,7 +307,8 @@ def _about_conflict(answer: Answer) -> Statement:
     remedy = f"{lead}: {'; '.join(ways)}." if ways else ""
     if conflict.bounds:
         remedy += f" The least-violating point touches the bounds {', '.join(conflict.bounds)}."
-    return Statement("bad", f"No design was found: {conflict.reason}.", remedy.strip())
+    text = f"No design was found: {conflict.reason}. {conflict.missed}".rstrip()
+    return Statement("bad", text, remedy.strip())
 
 
 def _about_front(front: Front) -> Iterator[Statement]:
@@ -397,20 +398,25 @@ def _change(result: Result) -> Iterator[Figure]:
 
 def _tables(result: Result) -> Iterator[Table]:
     answer, robust = result.answer, result.robust
-    problem, follows = answer.problem, answer.followers()
-    values = answer.variables() | follows
-    moved = {} if robust is None else problem.named(robust.unit) | problem.following(robust.unit)
+    problem, held, follows = answer.problem, answer.held(), answer.followers()
+    others, values = (
+        dict.fromkeys(held, "held") | dict.fromkeys(follows, "follows"),
+        answer.variables() | held | follows,
+    )
+    moved: dict[str, float] = {}
+    if robust is not None:
+        moved = problem.named(robust.unit) | problem.held(robust.unit) | problem.following(robust.unit)
 
     def called(name: str) -> str:
-        return f"{name}, follows" if name in follows else name
+        return f"{name}, {others[name]}" if name in others else name
 
     before = _before(answer, values)
     columns: tuple[Column, ...] = (
         ("variable", "l", called),
         ("before", "d", lambda name: f"{before[name]:.5g}" if name in before else ""),
-        ("from", "d", lambda name: "" if name in follows else f"{problem.variables[name].min:.5g}"),
+        ("from", "d", lambda name: "" if name in others else f"{problem.variables[name].min:.5g}"),
         ("value", "d", lambda name: f"{values[name]:.5g}"),
-        ("to", "d", lambda name: "" if name in follows else f"{problem.variables[name].max:.5g}"),
+        ("to", "d", lambda name: "" if name in others else f"{problem.variables[name].max:.5g}"),
         ("unit", "l", lambda name: "" if name in NUMBERS else "mm"),
         ("robust", "d", lambda name: f"{moved[name]:.5g}"),
     )
