@@ -43,8 +43,8 @@ class WantedQuantity(NamedTuple):
 
 
 GOALS = {
-    "depth": WantedQuantity("least depth noise (bound)", "sigma_z_mm", "min"),
     "expected": WantedQuantity("least depth, expected", "u_z_mm", "min"),
+    "depth": WantedQuantity("least depth noise (bound)", "sigma_z_mm", "min"),
     "field": WantedQuantity("widest field", "field_half_width_mm", "max"),
     "light": WantedQuantity("most light", "light_sr", "max"),
     "views": WantedQuantity("most independent views", "views_independent", "max"),
@@ -95,7 +95,7 @@ class OptimiseRequest:
     """Request for an optimisation run, as the form has it."""
 
     design: Design
-    goal: str = field(default="depth", metadata={KNOWN: GOALS})
+    goal: str = field(default="expected", metadata={KNOWN: GOALS})
     variables: tuple[str, ...] = field(default=USUAL, metadata={KNOWN: VARIABLES})
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Least and greatest value of variables [mm]; `_usual_bounds` of those that are not named."""

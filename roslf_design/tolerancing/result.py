@@ -178,10 +178,13 @@ class StudyResult:
         counted = {(limit.label, limit.low, limit.high) for limit in self.final.limits}
         for one in required_of(design, self.built):
             alone = one.met and limit_of(one) not in counted and of_builds(one, bool(design.main_lens.kind.mounted))
-            share = share_that_meets(self.plan, self.final, one) if alone else float(one.met)
-            if share < self.study.yield_target and limit_of(one) not in counted:
-                met = f"{one.label} {one.limits}, which {100 * share:.1f} % of builds meet"
-                short.append((met if one.met else missed_words([one]), share))
+            told = share_that_meets(self.plan, self.final, one) if alone else Yield(int(one.met), 1)
+            if told.value < self.study.yield_target and limit_of(one) not in counted:
+                met = (
+                    f"{one.label} {one.limits}, which {100 * told.value:.1f} % of {told.trials:,} builds meet "
+                    f"(standard error {100 * told.standard_error:.2g} %)"
+                )
+                short.append((met if one.met else missed_words([one]), told.value))
         return tuple(short)
 
     @property
@@ -263,15 +266,15 @@ class StudyResult:
         return finite
 
 
-def share_that_meets(plan: TolerancePlan, final: Variant, one: Requirement) -> float:
+def share_that_meets(plan: TolerancePlan, final: Variant, one: Requirement) -> Yield:
     """Share of the builds that are cameras that meet a requirement: the study's own limit, or the first of them."""
     for limit in final.limits:
         if (limit.label, limit.low, limit.high) == limit_of(one):
-            return limit.result.value
+            return limit.result
     builds, good = first_builds(plan, MANY)
     with np.errstate(all="ignore"):  # of builds that are no cameras
         held = one.holds(QUANTITIES[one.quantity](builds.camera, one.at_mm))
-    return float(np.mean(np.broadcast_to(held, good.shape)[good]))
+    return Yield(int(np.broadcast_to(held, good.shape)[good].sum()), int(good.sum()))
 
 
 def of_builds(one: Requirement, traced: bool) -> bool:

@@ -212,7 +212,8 @@ def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...
         for edge in np.array([(limit.low, limit.high) for limit in limits]).T[..., None]
         for twin in [plan.judged(edge, columns)]
     )
-    scale = np.maximum(np.minimum(here - low, high - here), np.finfo(float).tiny)
+    margin = np.minimum(here - low, high - here)
+    scale = np.where(margin > 0, margin, 1.0)  # at its very limit nothing is counted in shares of no room
     inside, outside = np.zeros(rows.size), np.full(rows.size, np.inf)
     left, over = np.ones(rows.size), np.full(rows.size, -np.inf)  # room at both, of the limit that has least
     broken, last = np.zeros(rows.size, np.intp), np.zeros(rows.size)

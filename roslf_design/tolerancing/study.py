@@ -216,6 +216,8 @@ class Study(StrictTable):
     """Z of the decoder's target, from the main lens; the focal plane where left out."""
     perturb: tuple[Perturb, ...] = ()
     groups: tuple[Group, ...] = ()
+    required: bool = False
+    """Whether the limits of the design's `[required]` count beside the goals; they do alone where there are none."""
     goals: Annotated[tuple[MetricGoal, ...], Field(validate_default=True)] = ()
     """Limits; where left out, those of the design's `[required]`."""
     report: tuple[Annotated[str, AfterValidator(_metric)], ...] = ()
@@ -233,17 +235,32 @@ class Study(StrictTable):
     keep_worst: Annotated[int, Field(ge=0, le=100)] = 3
     """How many of the worst trials are written as design files."""
 
+    @field_validator("required")
+    @classmethod
+    def _there(cls, required: bool, info: ValidationInfo) -> bool:
+        design = _design(info)
+        if required and design is not None and not design.required:
+            raise ValueError(f"{design.name} has no [required] to be held; add it, or drop the key")
+        return required
+
     @field_validator("goals", mode="before")
     @classmethod
     def _some(cls, goals: Any, info: ValidationInfo) -> Any:
-        if goals:
+        if goals and not info.data.get("required"):
             return goals
         design = _design(info)
-        if design is None or not design.required:
+        asked = () if design is None else limits_for_study(design, "metric")
+        if not asked and not goals:
             raise ValueError(
-                "a study needs at least one [[goals]] with a metric and a limit, or a design with [required]"
+                "a study needs at least one [[goals]] with a metric and a limit, or a design with [required], whose "
+                "limits it takes where [[goals]] are left out"
             )
-        return limits_for_study(design, "metric")
+        return (*goals, *asked) if isinstance(goals, (list, tuple)) else goals
+
+    @field_validator("goals")
+    @classmethod
+    def _once(cls, goals: tuple[MetricGoal, ...]) -> tuple[MetricGoal, ...]:
+        return tuple(goal for k, goal in enumerate(goals) if goal not in goals[:k])
 
     @field_validator("fields", mode="before")
     @classmethod

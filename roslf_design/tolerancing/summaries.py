@@ -104,16 +104,15 @@ class Variant:
     @property
     def weakest(self) -> _LimitYield:
         """The limit that fails most often; among those that never fail, the one whose room scatter uses most of."""
-        columns = {column.label: column for column in self.distributions}
+        return min(self.limits, key=self.strength)
 
-        def strength(limit: _LimitYield) -> tuple[int, float]:
-            column = columns[limit.label]
-            told = finite if math.isinf(column.high) or math.isinf(column.nominal) else np.asarray
-            here, low, high = (float(told(value)) for value in (column.nominal, column.low, column.high))
-            rooms = [abs(float(told(edge)) - here) for edge in (limit.low, limit.high) if np.isfinite(edge)]
-            return limit.result.passed, min(rooms) / max(high - low, 1e-300)
-
-        return min(self.limits, key=strength)
+    def strength(self, limit: _LimitYield) -> tuple[int, float]:
+        """Builds that hold a limit, and its room over the scatter of what it limits: the weaker the less."""
+        column = next(column for column in self.distributions if column.label == limit.label)
+        told = finite if math.isinf(column.high) or math.isinf(column.nominal) else np.asarray
+        here, low, high = (float(told(value)) for value in (column.nominal, column.low, column.high))
+        rooms = [abs(float(told(edge)) - here) for edge in (limit.low, limit.high) if np.isfinite(edge)]
+        return limit.result.passed, min(rooms) / max(high - low, 1e-300)
 
     def to_dict(self) -> dict[str, Any]:
         """As results have it."""

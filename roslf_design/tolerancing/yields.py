@@ -48,6 +48,11 @@ class Yield:
         return self.passed / max(self.trials, 1)
 
     @property
+    def standard_error(self) -> float:
+        """Standard error of the share, of builds drawn at random."""
+        return math.sqrt(self.value * (1 - self.value) / max(self.trials, 1))
+
+    @property
     def interval(self) -> tuple[float, float]:
         """Exact binomial interval (Clopper-Pearson, 95 %); too wide, never too narrow, for Sobol sampling."""
         from scipy.special import betaincinv

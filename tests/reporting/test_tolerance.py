@@ -329,11 +329,43 @@ def test_the_head_names_what_is_required_and_builds_fall_short_of():
     assert none == 0.0
     statements = next(block for block in _tolerance_section(result).blocks if isinstance(block, Statements))
     assert statements.items[0].tone == "bad"
-    told = f"working distance at least 229.5 mm and at most 230.5 mm, which {100 * near:.1f} % of builds meet"
+    error = 100 * np.sqrt(near * (1 - near) / 600)
+    told = (
+        f"working distance at least 229.5 mm and at most 230.5 mm, which {100 * near:.1f} % of 600 builds meet "
+        f"(standard error {error:.2g} %)"
+    )
+    assert statements.items[0].text.startswith("Builds fall short of what else the design's [required] asks for: work")
     assert told in statements.items[0].text
     assert told in " ".join(summary(result).split("\n")[2:4])
     assert [row["share"] for row in result.to_dict()["required_short_of"]] == [near, 0.0]
     assert analysed(data).short_of == ()
+
+
+def test_a_yield_is_told_apart_from_a_depth_that_builds_miss_uncalibrated():
+    """One page had a tick for it as calibrated, and a cross before "Yield 100 %"."""
+    data = {
+        "trials": 300,
+        "goals": [{"metric": "fill_factor", "min": 0.5, "max": 2.0}],
+        "perturb": [{"place": "microlens_array.distance", "tolerance": "0.5 mm"}],
+    }
+    told = _yield_statement(analysed(data, {"u_z_mm": {"max": "0.02 mm"}})).text
+    assert told.startswith("Builds that nobody calibrates fall short of")
+    assert "once a camera is calibrated, believe the verdict with its lengths as calibrated. By the study's own" in told
+
+
+def test_the_field_shown_of_a_metric_is_the_one_whose_room_scatter_uses_most_of():
+    """Of fields that all builds hold it was the one that scatters most, though another has less room for its own."""
+    data = {
+        "trials": 300,
+        "fields": [["0 mm", "0 mm"], ["9 mm", "0 mm"]],
+        "goals": [{"metric": "non_distortion_room_mm", "min": 0.0}],
+        "perturb": [{"place": "aperture.decentre.0", "tolerance": "0.2 mm"}, {"place": "d_2", "tolerance": "5 um"}],
+    }
+    result = analysed(data)
+    assert result.final.result.value == 1.0
+    room = {c.label: c.nominal / (c.high - c.low) for c in result.final.distributions}
+    brief = tables(result, brief=True)[0]
+    assert [row[0] for row in brief.rows if "@" in row[0]] == [min(room, key=lambda label: room[label])]
 
 
 def test_no_tolerance_is_told_that_makes_another_camera():

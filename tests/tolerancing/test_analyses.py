@@ -160,6 +160,17 @@ def test_inverse_sensitivity_uses_its_share_of_the_limit_exactly():
     assert second.tolerance == second.alone == pytest.approx(230.0, rel=1e-6)
 
 
+def test_inverse_sensitivity_of_a_limit_that_the_nominal_design_touches():
+    """Shares of no room overflowed, and a warning with lines of source reached the user."""
+    design = load("paper")
+    goals = [{"metric": "largest_diameter_mm", "max": design.D}, {"metric": "fill_factor", "min": 0.1}]
+    plan = study(goals, [{"place": "D_F", "tolerance": "0.2 mm"}])
+    with np.errstate(over="raise"):
+        (found,) = inverse_sensitivity(plan, 0.5)
+    assert found.alone == pytest.approx(design.D - design.D_F, rel=1e-8)
+    assert found.alone_limited_by == "largest_diameter_mm"
+
+
 @pytest.mark.parametrize("place", ["aperture.tilt.0", "aperture.tilt.1"])
 def test_what_an_adjustment_leaves_of_one_part_counts_not_what_its_prediction_does(place):
     """A tilted FAP's image shrinks by the square, which no derivative foresees; focus of the sensor makes up for it.

@@ -412,3 +412,14 @@ def test_without_goals_a_study_holds_what_its_design_requires():
     asked = [(plan.columns[limit.column].label, limit.low, limit.high) for limit in plan.limits]
     none = math.inf
     assert asked == [("u_z_mm", -none, 0.5), ("u_z_mm at 15 mm", -none, 0.1), ("fill_factor@0", 0.9, none)]
+
+
+def test_a_study_holds_what_its_design_requires_beside_goals_of_its_own():
+    design = load("paper").replace({"required": {"u_z_mm": {"max": "0.5 mm"}, "fill_factor": {"min": 0.9}}})
+    data = {**GOOD, "fields": ["centre"], "required": True}
+    own = {"metric": "fill_factor", "min": 0.9}
+    plan, *_ = tolerance_plan({**data, "goals": [own, {"metric": "kept_fraction", "min": 0.5}]}, design)
+    asked = [(plan.columns[limit.column].label, limit.low, limit.high) for limit in plan.limits]
+    none = math.inf
+    assert asked == [("fill_factor@0", 0.9, none), ("kept_fraction@0", 0.5, none), ("u_z_mm", -none, 0.5)]
+    assert "has no [required]" in faults(data)["required"]

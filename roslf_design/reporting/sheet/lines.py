@@ -159,7 +159,7 @@ class BuildSpread(NamedTuple):
 
     def share(self, one: Requirement) -> float:
         """Share of the builds that are cameras that meet a requirement: the study's own limit, or the first of them."""
-        return share_that_meets(self.plan, self.final, one)
+        return share_that_meets(self.plan, self.final, one).value
 
     def judged(self, one: Requirement, traced: bool) -> Requirement:
         """Requirement with the share of builds that meet it: met as drawn, no more, below the target yield."""

@@ -18,7 +18,7 @@ from ...drawing.picture import Picture
 from ...tables import Column
 from ...theory.depth_budget import DepthBudget
 from ...theory.field_of_view import focus_ahead
-from ...theory.quantities import in_words
+from ...theory.quantities import QUANTITIES, in_words
 from ...theory.quantity import finite
 from ...tolerancing.budgets import Change, ToleranceBudget
 from ...tolerancing.draws import Perturbation
@@ -122,10 +122,14 @@ def headline(result: StudyResult) -> str:
 
 
 def short_words(result: StudyResult) -> str:
-    """Sentence on what is required, not in the yield, and met by too few builds; empty where nothing is."""
+    """Words on what is required, not in the yield, and met by too few builds; empty where nothing is."""
     told = "; ".join(words for words, _ in result.short_of)
-    lead = "The yield does not count what else the design's [required] asks for, and builds fall short of"
-    return f"{lead}: {told}." if told else ""
+    if not told:
+        return ""
+    if QUANTITIES["u_z_mm"].label not in told:
+        return f"Builds fall short of what else the design's [required] asks for: {told}."
+    better = "Of depth, once a camera is calibrated, believe the verdict with its lengths as calibrated."
+    return f"Builds that nobody calibrates fall short of what else the design's [required] asks for: {told}. {better}"
 
 
 def depth_sentence(budget: DepthBudget | None, plan: TolerancePlan) -> str:
@@ -196,7 +200,7 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
         text += f" {in_words(result.left_out)}"
     misses = result.plan.nominal_misses()
     if short := short_words(result):
-        text += f" {short}"
+        text = f"{short} By the study's own limits: {text[:1].lower()}{text[1:]}"
     if result.final.result.value >= target:
         most = min((share for _, share in result.short_of), default=1.0) >= 0.5
         return Statement("good" if not short else "caution" if most else "bad", text)
@@ -583,13 +587,18 @@ def _factor(name: str, design: Design) -> str:
 
 
 def _shown(result: StudyResult, brief: bool) -> set[str]:
-    """Labels of all columns; `brief`: of each metric the one that fails most often, else the one that scatters most."""
+    """Labels of all columns; `brief`: of each metric the one whose limit is the weakest, else that scatters most."""
     if not brief:
         return {column.label for column in result.plan.columns}
-    held = {limit.label: limit.result.passed for limit in result.final.limits}
-    spread = {column.label: np.nan_to_num(column.high - column.low) for column in result.final.distributions}
+    final = result.final
+    spread = {column.label: np.nan_to_num(column.high - column.low) for column in final.distributions}
+
+    def weakness(column: Column) -> tuple[float, float]:
+        strengths = [final.strength(limit) for limit in final.limits if limit.label == column.label]
+        return min(strengths, default=(math.inf, -spread[column.label]))
+
     worst: dict[str, str] = {}
-    for column in sorted(result.plan.columns, key=lambda column: (held.get(column.label, 0), -spread[column.label])):
+    for column in sorted(result.plan.columns, key=weakness):
         worst.setdefault(column.metric if column.at is None else column.label, column.label)
     return set(worst.values())
 
