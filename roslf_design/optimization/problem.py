@@ -193,7 +193,7 @@ class DesignProblem:
         return {symbols.get(place, place): float(camera[place]) for place in moved}
 
     def held(self, unit: Array) -> dict[str, float]:
-        """That one of d_f and d_1 which stays where f varies, by symbol, with its value [mm]."""
+        """Length of d_f and d_1 that stays where f varies, by symbol, with its value [mm]."""
         camera = self.cameras(unit)
         return {symbol: float(camera[PATHS[symbol]]) for symbol in ("d_f", "d_1") if PATHS[symbol] in self._held}
 

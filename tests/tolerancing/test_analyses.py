@@ -163,12 +163,13 @@ def test_inverse_sensitivity_uses_its_share_of_the_limit_exactly():
 def test_inverse_sensitivity_of_a_limit_that_the_nominal_design_touches():
     """Shares of no room overflowed, and a warning with lines of source reached the user."""
     design = load("paper")
-    goals = [{"metric": "largest_diameter_mm", "max": design.D}, {"metric": "fill_factor", "min": 0.1}]
-    plan = study(goals, [{"place": "D_F", "tolerance": "0.2 mm"}])
+    goals = [{"metric": "largest_diameter_mm", "max": design.D}]
+    plan = study(goals, [{"place": "D_F", "tolerance": "0.2 mm"}, {"place": "D", "tolerance": "0.2 mm"}])
     with np.errstate(over="raise"):
-        (found,) = inverse_sensitivity(plan, 0.5)
-    assert found.alone == pytest.approx(design.D - design.D_F, rel=1e-8)
-    assert found.alone_limited_by == "largest_diameter_mm"
+        pupil, lens = inverse_sensitivity(plan, 0.5)
+    # The pupil is the widest part from D on, 47.9 mm away; before, at the other end, it is none.
+    assert pupil.alone == pytest.approx(design.D_F, rel=1e-6)
+    assert (lens.alone, lens.alone_limited_by) == (pytest.approx(0.0, abs=1e-12), "largest_diameter_mm")
 
 
 @pytest.mark.parametrize("place", ["aperture.tilt.0", "aperture.tilt.1"])

@@ -593,12 +593,12 @@ def _shown(result: StudyResult, brief: bool) -> set[str]:
     final = result.final
     spread = {column.label: np.nan_to_num(column.high - column.low) for column in final.distributions}
 
-    def weakness(column: Column) -> tuple[float, float]:
-        strengths = [final.strength(limit) for limit in final.limits if limit.label == column.label]
-        return min(strengths, default=(math.inf, -spread[column.label]))
+    def weakness(label: str) -> tuple[float, float]:
+        strengths = [final.strength(limit) for limit in final.limits if limit.label == label]
+        return min(strengths, default=(math.inf, -spread[label]))
 
     worst: dict[str, str] = {}
-    for column in sorted(result.plan.columns, key=weakness):
+    for column in sorted(result.plan.columns, key=lambda column: weakness(column.label)):
         worst.setdefault(column.metric if column.at is None else column.label, column.label)
     return set(worst.values())
 
