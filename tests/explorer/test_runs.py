@@ -116,14 +116,14 @@ def test_what_a_design_requires_is_what_a_good_build_holds():
 def test_the_optimise_form_is_read():
     offered = forms(State.of(PAPER))
     chosen = {
-        "goal": [offered["goals"][1]["key"]],
+        "goal": [offered["goals"][2]["key"]],
         "against": ["depth"],
         "variables": [item["key"] for item in offered["variables"] if not item["follows"]],
         "held": [item["key"] for item in offered["held"]],
         "matched": ["on"],
     }
     request = read_form(OptimiseRequest, PAPER, chosen)
-    assert (request.goal, request.against) == (list(GOALS)[1], "depth")
+    assert (request.goal, request.against) == (list(GOALS)[2], "depth")
     assert (request.variables, request.held) == (tuple(s for s in VARIABLES if s != "d_f"), tuple(HELD))
     assert (request.matched, request.undistorted, request.in_focus) == (True, False, False)
 
@@ -237,6 +237,11 @@ def test_a_run_is_told_from_start_to_cancel():
         run.job.cancel()
     assert summary(run, PAPER)["state"] == "failed"
     assert summary(run, PAPER)["message"] == "cancelled"
+
+
+def test_an_optimum_is_of_the_depth_that_a_data_sheet_may_have_unless_another_is_chosen():
+    assert GOALS[read_form(OptimiseRequest, PAPER, {"variables": ["d_3"]}).goal].quantity == "u_z_mm"
+    assert next(iter(GOALS.values())).quantity == "u_z_mm"
 
 
 def test_what_a_design_requires_is_held_where_it_is_ticked():
