@@ -225,8 +225,8 @@ class _Measuring:
 
     def budget(self, ahead: float) -> DepthBudget:
         """Expected uncertainty of depth by the data sheet, of the calibrated camera."""
-        twin = Camera.of(self.bench.design.thin_twin)
-        return depth_budget(twin, ahead, build=self.build, calibration=self._calibrated[1])
+        camera = Camera.of(self.bench.design)
+        return depth_budget(camera, ahead, build=self.build, calibration=self._calibrated[1])
 
 
 def accepted(

@@ -401,8 +401,9 @@ class RealMainLens(MainLensKind):
     def moved(
         self, numbers: Mapping[str, Number], before: Number, after: Number, wavelength: Number, housing: float
     ) -> dict[str, Number]:
-        """Focal length of its surfaces as they are then."""
-        return {FOCAL: warm_constants(self.lens, wavelength, after, housing).focal_length}
+        """Focal length, of a build as much longer as that of the surfaces."""
+        was, becomes = (warm_constants(self.lens, wavelength, at, housing).focal_length for at in (before, after))
+        return {FOCAL: numbers[FOCAL] * (becomes / was)}
 
     def wider(self, before: Number, after: Number, housing: float, held: Number) -> Number:
         """Growth of its narrowest surface."""

@@ -184,7 +184,7 @@ def required_of(design: Design, build: LengthCovariance | None = None) -> tuple[
     """Requirements of a design as `evaluate` judges them, its lengths as drawn or as built."""
     if not design.required:
         return ()
-    camera, view = Camera.of(design.thin_twin), FieldOfView.of(FieldImages.of(design).ends, None)
+    camera, view = Camera.of(design), FieldOfView.of(FieldImages.of(design).ends, None)
     return requirements(design, camera, view, partial(depth_budget, camera, build=build))
 
 

@@ -144,7 +144,7 @@ def _optimise_study(request: OptimiseRequest) -> dict[str, Any]:
 
 
 def _number(design: Design, quantity: str) -> float:
-    return float(quantity_named(quantity)(Camera.of(design.thin_twin)))
+    return float(quantity_named(quantity)(Camera.of(design)))
 
 
 def _front(result: Result) -> tuple[tuple[float, float], ...]:

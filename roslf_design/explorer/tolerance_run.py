@@ -109,7 +109,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     ]
     decoder = "calibrated on each build" if request.calibrated else "as designed"
     built = lengths_built(plan)
-    depth = depth_budget(Camera.of(design.thin_twin), build=built)
+    depth = depth_budget(Camera.of(design), build=built)
     left_out = in_words(lengths_left_out(plan, built))
     told = (depth_sentence(depth, plan), left_out, loose_words(plan), impossible_words(variant))
     return ToleranceResult(

@@ -162,7 +162,7 @@ class _IdealMount:
     """Quantities whose formulas leave out what its lens does, and what they leave out."""
 
     def __init__(self, design: Design, values: Mapping[str, Array], trials: int) -> None:
-        self.design, self.nominal, self.changes = design, Camera.of(design.thin_twin), values
+        self.design, self.nominal, self.changes = design, Camera.of(design), values
         self.sound = np.ones(trials, np.bool_)
 
     @property
@@ -199,7 +199,9 @@ class _RealMount(_IdealMount):
     def __init__(self, design: Design, values: Mapping[str, Array], trials: int) -> None:
         super().__init__(design, values, trials)
         self.made = real_lens_builds(design, values, trials)
-        self.nominal, self.changes, self.sound = self.nominal.as_measured, self.made.thin_equivalents, self.made.sound
+        self.changes, self.sound = self.made.thin_equivalents, self.made.sound
+        if TEMPERATURE in values:  # lengths are as they are then
+            self.nominal = self.nominal.as_measured
 
     @property
     def faults(self) -> dict[str, NDArray[np.bool_]]:

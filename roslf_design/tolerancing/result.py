@@ -165,7 +165,7 @@ class StudyResult:
     @property
     def depth(self) -> DepthBudget | None:
         """Depth to be expected of a build that is taken as designed; None of one whose pixels are no views."""
-        camera = Camera.of(self.plan.question.design.thin_twin)
+        camera = Camera.of(self.plan.question.design)
         return None if is_focused(camera) else depth_budget(camera, build=self.built)
 
     @cached_property
@@ -405,7 +405,7 @@ def depth_left_out(design: Design, goals: Sequence[tuple[str, float | None]], bu
     """Words on what a yield by these goals of expected depth, each with its distance, leaves out; empty of none."""
     if not goals:
         return ""
-    camera, whole = Camera.of(design.thin_twin), {}
+    camera, whole = Camera.of(design), {}
     for at in dict.fromkeys(at for _, at in goals):
         where = "in the focal plane" if at is None else f"at {number(at, 4)} mm"
         whole[where] = number(float(depth_budget(camera, at, build=built).u_z_mm), 3)

@@ -427,12 +427,12 @@ def planned_depth(
 ) -> DepthBudget:
     """Depth to be expected of a camera that is calibrated as planned, `at` [mm] ahead of the tip or in focus."""
     lengths = lengths_after(design, plan, asked)
-    return depth_budget(Camera.of(design.thin_twin), at, build=build, calibration=lengths)
+    return depth_budget(Camera.of(design), at, build=build, calibration=lengths)
 
 
 def _changed_depths(design: Design, plan: CapturePlan, build: LengthCovariance | None) -> dict[str, float]:
     """Standard uncertainty of depth after each change of a plan [mm]; smallest first."""
-    camera = Camera.of(design.thin_twin)
+    camera = Camera.of(design)
     lengths = {change.what: change.expected.lengths(design, change.sheet) for change in plan.changes}
     after = {what: float(depth_budget(camera, build=build, calibration=one).u_z_mm) for what, one in lengths.items()}
     return dict(sorted(after.items(), key=lambda pair: pair[1]))

@@ -358,7 +358,7 @@ def _range_lines(within: WorkingRange) -> Iterator[_SheetLine]:
 
 def told_as_built(grounds: SpreadSources, required: Sequence[Requirement]) -> SpreadSources:
     """Sources whose lines on the working range and on a required depth count lengths as a first look builds them."""
-    count, looked, camera = len(required), "; lengths as a first look builds them", Camera.of(grounds.design.thin_twin)
+    count, looked, camera = len(required), "; lengths as a first look builds them", Camera.of(grounds.design)
     told = zip(required, grounds.rows[:count], _required_lines(required, False), strict=True)
     rows = [new._replace(remark=new.remark + looked) if one.quantity == "u_z_mm" else old for one, old, new in told]
     within = _range_lines(WorkingRange.of(camera, partial(depth_budget, camera, build=grounds.looked)))
@@ -514,11 +514,11 @@ def basis(
     shown = FieldImages.of(design)
     build = None if built is None else lengths_built(built.plan)
     lengths = None if calibration is None else calibration.lengths
-    twin = Camera.of(design.thin_twin)
-    budget = partial(depth_budget, twin, build=build, calibration=lengths)
+    camera = Camera.of(design)
+    budget = partial(depth_budget, camera, build=build, calibration=lengths)
     sheet, sentences = specification(design, at, shown, budget), []
     budgets = {far: budget(far) for far in (None, *at)}
-    required = requirements(shown.design, twin, sheet.field_of_view_deg[0], budget)
+    required = requirements(shown.design, camera, sheet.field_of_view_deg[0], budget)
     traced = design.lens is not None  # whose builds are cameras of thin twins
     judged = () if built is None else tuple(built.judged(one, traced) for one in required)
     lines = tuple(_lines(shown, sheet, budgets, judged or required, traced))
@@ -581,7 +581,7 @@ def _quoted(grounds: SpreadSources) -> str:
         return "the figure to quote"
     looked = ""
     if grounds.looked is not None:
-        budget = depth_budget(Camera.of(grounds.design.thin_twin), build=grounds.looked)
+        budget = depth_budget(Camera.of(grounds.design), build=grounds.looked)
         u, expanded = (number(float(mm), 3) for mm in (budget.u_z_mm, budget.expanded_mm))
         looked = (
             f" (as a first look builds them, U = {expanded} mm and u = {u} mm: believe these, which the working range "

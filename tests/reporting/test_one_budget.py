@@ -1,0 +1,56 @@
+"""One uncertainty of depth of a camera at a plane, wherever it is told, and what temperature adds, by warm cameras."""
+
+import math
+
+import numpy as np
+import pytest
+
+import roslf_design as roslf
+from roslf_design.camera import Camera
+from roslf_design.design import preset_names
+from roslf_design.evaluation.required import required_of
+from roslf_design.reporting.design.pages import design_report
+from roslf_design.reporting.sheet.lines import basis
+from roslf_design.theory.depth_budget import WARMTH, depth_budget
+from roslf_design.theory.focused import has_views
+from roslf_design.tolerancing.metrics import Question, evaluate_builds
+
+WARM = {"temperature": "20 degC", "range": ["15 degC", "37 degC"], "housing": "stainless steel"}
+SINGLET = roslf.load("paper-singlet").replace({"environment": WARM})
+DESIGNS = {name: roslf.load(name) for name in preset_names()} | {"warm singlet": SINGLET}
+VIEWS = {name: design for name, design in DESIGNS.items() if has_views(Camera.of(design.thin_twin))}
+
+
+@pytest.mark.parametrize("design", VIEWS.values(), ids=VIEWS)
+def test_sheet_table_and_evaluation_tell_one_uncertainty(design):
+    ahead = float(roslf.evaluate(design).answer.working_distance_mm)
+    design = design.replace({"required": {"u_z_mm": {"at": f"{ahead} mm", "max": "1 m"}}})
+    told = roslf.evaluate(design, at=ahead)
+    u = told.depth.expected["u_z_mm"]
+    lines = {row.name: row.value for row in basis(design, at=(ahead,)).rows}
+    assert next(v for name, v in lines.items() if name.startswith("standard uncertainty u")) == u
+    assert next(v for name, v in lines.items() if name.startswith("depth, expected, u_Z at")) == pytest.approx(u)
+    assert next(v for name, v in lines.items() if name.startswith("U at")) == pytest.approx(2 * u)
+    assert [one.value for one in told.required] == [one.value for one in required_of(design)] == pytest.approx([u])
+    assert roslf.evaluate_many([design], ["u_z_mm"]).columns["u_z_mm"] == pytest.approx([u])
+    assert {round(plane.u_z_mm / u, 9) for plane in told.answer.at} == {1.0}
+
+
+def test_pages_of_a_report_tell_it_too():
+    u = roslf.evaluate(SINGLET).depth.expected["u_z_mm"]
+    blocks = [block for section in design_report(SINGLET).sections for block in section.blocks]
+    rows = [row for block in blocks for row in getattr(block, "rows", ()) if str(row[0]).startswith("together, u")]
+    assert {row[1].split()[0] for row in rows} == {f"{u:.3g}"}
+
+
+def test_builds_behind_a_real_lens_tell_it_too():
+    question = Question(SINGLET, ("u_z_mm",), ((0.0, 0.0),), SINGLET.d_f)
+    ((u, again),) = evaluate_builds(question, {"aperture.diameter": np.full(2, SINGLET.D_F)}, 2)
+    assert u == again == pytest.approx(float(depth_budget(Camera.of(SINGLET)).u_z_mm))
+
+
+def test_temperature_is_that_of_the_camera_made_cold_and_warm():
+    cold, warm = (SINGLET.at_temperature(degrees) for degrees in (19.0, 21.0))
+    moved = abs(warm.d_f - cold.d_f) / 2  # of the plane in focus, from a principal plane that moves by some um
+    term = next(term for term in depth_budget(Camera.of(SINGLET)).terms if term.name == WARMTH)
+    assert term.u_mm == pytest.approx(moved * (37 - 15) / 2 / math.sqrt(3), rel=1e-3)
