@@ -117,6 +117,8 @@ class FirstAnswer:
     """Tube that the design states, wider where parts and walls need it; else the narrowest about the optics."""
     outer_diameter_counts: str
     """Walls that it counts, and the tube as stated, in words."""
+    corner_lp_per_mm: float | None
+    """Finest detail in the corner at the focal plane, refocused; None where it is dark, or pixels are no views."""
     at: tuple[_AtDistance, ...]
     """At the focal plane, then at the distances asked for."""
 
@@ -172,6 +174,7 @@ class FirstAnswer:
             )
         points = shown.points
         farthest = points.index(corner(points))
+        outer = resolved(images, farthest, (FOCUS, focus), "refocused").usable_lp_per_mm if views else None
         medium = shown.design.object_space.medium.name
         return cls(
             FieldOfView.of(ends, None),
@@ -183,6 +186,7 @@ class FirstAnswer:
             _evened_by(shown, farthest),
             float(QUANTITIES["outer_diameter_mm"](camera)),
             tube.walls(camera),
+            outer,
             tuple(planes),
         )
 

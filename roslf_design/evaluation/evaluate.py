@@ -49,7 +49,7 @@ from .groups import (
 from .required import Requirement, requirements
 from .result import Evaluation
 from .specification import FieldImages, depth_assumptions
-from .verdicts import buildable, verdicts_of, warnings_of
+from .verdicts import buildable, sharp_over_field, verdicts_of, warnings_of
 from .working_range import WorkingRange
 
 METHOD = (
@@ -186,7 +186,7 @@ def evaluate(
         depth_budget=budget,
         diffraction=Numbers.of(camera, "diffraction"),
         effects=tuple(plan(design)),
-        verdicts=(*answers, *buildable(design, camera)),
+        verdicts=(*answers, *sharp_over_field(answer, traced), *buildable(design, camera)),
         warnings=tuple(warnings_of(design, images)),
         method=" ".join(method),
         real_lens=traced,

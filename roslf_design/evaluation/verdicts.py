@@ -41,6 +41,8 @@ CUT = 0.8
 """Part of its images below which cuts, not the field's angle, are what darkens the corner."""
 UNCUT, CUT_IN_IT = "microlens images uncut over the field", "microlens images cut in the field"
 """The paper's undistorted field, or not, in words that no picture's distortion is taken for."""
+SHARP = 0.5
+"""Part of the middle's detail that the corner of the field shows from which sharpness holds over the field."""
 TAKEN_LOSS = 0.01
 """Share of light lost to slanting rays from which it is told."""
 WIDEST_PIXEL = 0.05
@@ -96,8 +98,8 @@ def lens_speed(design: Design, camera: Camera) -> tuple[Verdict, ...]:
         f"ideal lens: f/{speed:.3g} over {2 * math.degrees(math.atan(tangent)):.3g} degrees as the lens's own middle "
         "sees the array (the field of view is from the entrance pupil), single pencils "
         f"f/{float(pupil_f_number(camera)):.3g}; aperture by field is {beyond:.3g} times that of a double Gauss, "
-        f"f/{FAST:g} over {WIDE:g} degrees, and no singlet or simple doublet has it: its aberrations are not in these "
-        "figures"
+        f"f/{FAST:g} over {WIDE:g} degrees; a lens of one or two elements can take that in, but hardly sharp over the "
+        "field: its aberrations are not in these figures"
     )
     remedy = "`roslf evaluate` with a real lens (main_lens.prescription) before trusting resolution and depth"
     return (Verdict("lens_speed", False, "limit", text, remedy),)
@@ -122,6 +124,24 @@ def _microlens_speed(camera: Camera) -> tuple[Verdict, ...]:
 def buildable(design: Design, camera: Camera) -> tuple[Verdict, ...]:
     """Doubts whether a camera's main lens and microlenses are ones that anybody makes; nothing where there are none."""
     return *lens_speed(design, camera), *_microlens_speed(camera)
+
+
+def sharp_over_field(answer: FirstAnswer, lens: RealLens | None) -> tuple[Verdict, ...]:
+    """Whether a refocused image is much coarser in the corner of the field; nothing where it is not."""
+    middle, corner = answer.at[0].usable_lp_per_mm, answer.corner_lp_per_mm
+    if middle is None or (corner or 0.0) >= SHARP * middle:
+        return ()
+    there = "nothing" if corner is None else f"{number(corner, 3)} lp/mm"
+    through = "" if lens is None else f" (traced through {lens.lens})"
+    text = (
+        f"not sharp over the field: in focus a refocused image shows {number(middle, 3)} lp/mm in the middle and "
+        f"{there} in the corner{through}; Nyquist frequency and MTF as required are the middle's"
+    )
+    remedy = (
+        "a better corrected lens, a smaller FAP or a smaller sensor; the data sheet (`roslf datasheet`) has the field's "
+        'edge, and what single views keep; studies hold it by quantity = "spot_pitches" with a field'
+    )
+    return (Verdict("sharp_over_field", False, "limit", text, remedy),)
 
 
 def _focused(camera: Camera, array: FocusedArray) -> Verdict:

@@ -318,6 +318,7 @@ TITLES = {
     "views_resolved": "views",
     "thin_lens_holds": "thin lens",
     "corner_lit": "corner light",
+    "sharp_over_field": "corner detail",
     "lens_speed": "lens speed",
     "microlens_speed": "array speed",
 }
@@ -409,6 +410,8 @@ def _margin(evaluation: Evaluation, name: str) -> str:
         return "focused (2.0)"
     if name == "corner_lit":
         return f"{100 * evaluation.answer.corner_light:.3g} %"
+    if name == "sharp_over_field":
+        return f"{short(evaluation.answer.corner_lp_per_mm or 0.0, 2)} lp/mm"
     if name == "lens_speed":
         return f"f/{short(evaluation.f_number.main_lens, 3)}"
     if name == "microlens_speed":

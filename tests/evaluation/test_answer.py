@@ -7,6 +7,7 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.errors import InputError
+from roslf_design.evaluation.specification import FOCUS
 from roslf_design.theory.depth_budget import depth_budget
 
 PAPER = roslf.load("paper")
@@ -147,3 +148,17 @@ def test_distances_behind_the_tip_are_refused(at):
     for function in (roslf.evaluate, roslf.specification):
         with pytest.raises(InputError, match="ahead of the bore's tip"):
             function(PAPER, at=(at,))
+
+
+def test_a_lens_that_is_not_sharp_in_the_corner_is_told_by_the_data_sheet_s_figures():
+    singlet = roslf.load("paper-singlet")
+    result, sheet = roslf.evaluate(singlet), roslf.specification(singlet)
+    rows = [row for row in sheet.resolution if (row.plane, row.image) == (FOCUS, "refocused")]
+    assert result.answer.at[0].usable_lp_per_mm == rows[0].usable_lp_per_mm
+    assert result.answer.corner_lp_per_mm == min(row.usable_lp_per_mm for row in rows) < rows[0].usable_lp_per_mm / 2
+    (verdict,) = [verdict for verdict in result.verdicts if verdict.name == "sharp_over_field"]
+    assert verdict.level == "limit"
+    assert f"{result.answer.corner_lp_per_mm:.3g} lp/mm in the corner" in verdict.text
+    thin = roslf.evaluate(singlet.thin_twin)
+    assert thin.answer.corner_lp_per_mm == pytest.approx(thin.answer.at[0].usable_lp_per_mm)
+    assert not [verdict for verdict in thin.verdicts if verdict.name == "sharp_over_field"]
