@@ -49,7 +49,7 @@ from .groups import (
 from .required import Requirement, requirements
 from .result import Evaluation
 from .specification import FieldImages, depth_assumptions
-from .verdicts import buildable, sharp_over_field, verdicts_of, warnings_of
+from .verdicts import buildable, depth_behind_lens, sharp_over_field, verdicts_of, warnings_of
 from .working_range import WorkingRange
 
 METHOD = (
@@ -166,6 +166,7 @@ def evaluate(
     if traced is not None:
         method.append(TRACED)
     method += filter(None, [design.main_lens.kind.untold])
+    lenses = *sharp_over_field(answer, traced), *depth_behind_lens(camera, traced, budget), *buildable(design, camera)
     return Evaluation(
         design=design.name,
         answer=answer,
@@ -186,7 +187,7 @@ def evaluate(
         depth_budget=budget,
         diffraction=Numbers.of(camera, "diffraction"),
         effects=tuple(plan(design)),
-        verdicts=(*answers, *sharp_over_field(answer, traced), *buildable(design, camera)),
+        verdicts=(*answers, *lenses),
         warnings=tuple(warnings_of(design, images)),
         method=" ".join(method),
         real_lens=traced,

@@ -25,6 +25,7 @@ COVERAGE = 2
 NOISE, MISMATCH, VEIL = "shot and read noise", "view mismatch", "veil"
 BUILT, CALIBRATED, WARMTH = "lengths as built", "lengths as calibrated", "temperature"
 MODEL_ALONE = "no board covers that distance: there the model alone tells depth"
+ABERRATED = "a bias by the real lens's aberrations is not in it: `roslf depth` measures it"
 GIVEN = "in the disparity error that the design gives"
 Kind = Literal["precision", "trueness"]
 KINDS: tuple[Kind, ...] = ("precision", "trueness")
@@ -180,9 +181,10 @@ def depth_budget(
     if warmth is not None:
         coldest, warmest = (f"{_typical(c[place]):g}" for place in TEMPERATURES)
         remark = f"{coldest} to {warmest} °C"
-    alone = calibration is not None and at is not None and np.isin(at, calibration.uncovered_mm).any()
+    alone = bool(calibration is not None and at is not None and np.isin(at, calibration.uncovered_mm).any())
     terms.append(BudgetTerm(WARMTH, "B", "trueness", warmth, remark))
-    return DepthBudget(tuple(terms), sigmas[0], MODEL_ALONE if alone else "")
+    cautions = [MODEL_ALONE] * alone + [ABERRATED] * bool(c.lens.mounted)
+    return DepthBudget(tuple(terms), sigmas[0], "; ".join(cautions))
 
 
 def _lengths(
