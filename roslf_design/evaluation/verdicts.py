@@ -138,7 +138,7 @@ def sharp_over_field(answer: FirstAnswer, lens: RealLens | None) -> tuple[Verdic
     if middle is None or (corner or 0.0) >= SHARP * middle:
         return ()
     there = "nothing" if corner is None else f"{number(corner, 3)} lp/mm"
-    through = "" if lens is None else f" (traced through {lens.lens})"
+    through = f" (traced through {lens.lens})" if lens else ""
     text = (
         f"not sharp over the field: in focus a refocused image shows {number(middle, 3)} lp/mm in the middle and "
         f"{there} in the corner{through}; Nyquist frequency and MTF as required are the middle's"
@@ -152,8 +152,8 @@ def sharp_over_field(answer: FirstAnswer, lens: RealLens | None) -> tuple[Verdic
 
 def depth_behind_lens(camera: Camera, lens: RealLens | None, budget: DepthBudget) -> tuple[Verdict, ...]:
     """Whether a real lens's aberrations leave more bias of depth than its uncertainty counts; nothing where not."""
-    fields = [] if lens is None else [(one.blur_pitches, one.x_ml_mm) for one in lens.fields if one.blur_pitches]
-    if lens is None or not fields or not has_views(camera):
+    fields = [(one.blur_pitches, one.x_ml_mm) for one in lens.fields if one.blur_pitches] if lens else []
+    if not lens or not fields or not has_views(camera):
         return ()
     blur, at = max(fields)
     rate = abs(float(QUANTITIES["disparity_pitches_per_mm"](camera)))
