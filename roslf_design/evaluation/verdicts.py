@@ -46,7 +46,7 @@ SHARP = 0.5
 """Part of the middle's detail that the corner of the field shows from which sharpness holds over the field."""
 LEFT = 0.02
 """Share of the way that aberrations spread an object point over the array which depth behind a real lens is off by, at
-most: 1.2 to 1.9 % were measured in four regions of two cameras behind singlets."""
+most: 1.2 to 1.9 % were measured behind a fast singlet at two apertures, 0.1 to 0.3 % behind the paper's."""
 ROUND = 2 * math.sqrt(2)
 """Disparity between the FAP's rims, of light out of focus that spreads evenly, over its rms radius."""
 TAKEN_LOSS = 0.01
@@ -162,7 +162,7 @@ def depth_behind_lens(camera: Camera, lens: RealLens | None, budget: DepthBudget
         return ()
     text = (
         f"depth behind {lens.lens}: aberrations put views up to {number(ROUND * blur, 3)} pitches out of focus "
-        f"(at {place(at, 4)} mm on the MLA); 1 to 2 % of that stays in measured depths as a bias, here up to "
+        f"(at {place(at, 4)} mm on the MLA); up to 2 % of that can stay in measured depths as a bias, here "
         f"{number(off, 2)} mm in focus, which u = {number(u, 3)} mm does not count"
     )
     remedy = (
