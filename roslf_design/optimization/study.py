@@ -269,7 +269,7 @@ def read_study(
 
 
 @by_value
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True)
 class Result:
     """Everything that a study found; printed, its variables and goals alone."""
 
@@ -285,7 +285,7 @@ class Result:
     """Retraces of the best combinations of parts, in their order."""
     seconds: float
 
-    def __repr__(self) -> str:
+    def __str__(self) -> str:
         answer = self.answer
         numbers = {name: number(value) for name, value in answer.variables().items()}
         numbers |= {goal.quantity.name: number(answer.number(goal)) for goal in answer.asked.goals}

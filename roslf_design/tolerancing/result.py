@@ -114,7 +114,7 @@ class _Precision:
 
 
 @by_value
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True)
 class StudyResult:
     """Results of a study; printed, its yield alone."""
 
@@ -150,7 +150,7 @@ class StudyResult:
     tracing: tuple[str, ...] = ()
     """How builds behind a real lens were traced; nothing where it is ideal."""
 
-    def __repr__(self) -> str:
+    def __str__(self) -> str:
         low, high = self.final.result.interval
         return (
             f"{self.plan.name}: yield {self.final.result.value:.2%} ({low:.2%} to {high:.2%}, 95 %) of "
