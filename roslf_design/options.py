@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, ValidationError
 
 from .errors import Argument, InputError, refusal
 from .toml_files import StrictTable, problems_of
-from .units import FARTHEST
+from .units import FARTHEST, read_quantity
 
 FileName = Annotated[str, BeforeValidator(lambda name: os.fspath(name) if isinstance(name, os.PathLike) else name)]
 """Name of a file, or of a preset."""
@@ -99,7 +99,21 @@ def refuse_idle(options: Options, names: Iterable[str]) -> None:
         raise InputError(tuple(Argument(name, message) for name in idle))
 
 
-def one_distance(at: float | Sequence[float] | None) -> float | None:
+Distance = float | str
+"""Distance [mm], or text with its unit."""
+
+
+def _millimetres(at: Distance | Sequence[Distance]) -> tuple[float, ...]:
+    """One or several distances [mm]."""
+    try:
+        return tuple(
+            read_quantity(one, "length") if isinstance(one, str) else float(one) for one in np.ravel(at).tolist()
+        )
+    except (TypeError, ValueError) as error:
+        raise refusal("at", str(error)) from None
+
+
+def one_distance(at: Distance | Sequence[Distance] | None) -> float | None:
     """Distance of what has a single one, from a number or a list of one; None where there is none.
 
     Raises
@@ -107,20 +121,21 @@ def one_distance(at: float | Sequence[float] | None) -> float | None:
     InputError
         Several.
     """
-    several: list[float] = [] if at is None else np.ravel(np.asarray(at, float)).tolist()
+    several = () if at is None else _millimetres(at)
     if len(several) > 1:
         raise refusal("at", f"{len(several)} distances given, and this has one; ask once for each")
     return several[0] if several else None
 
 
-def check_distances(at: float | Sequence[float]) -> tuple[float, ...]:
+def check_distances(at: Distance | Sequence[Distance]) -> tuple[float, ...]:
     """Distances ahead of the tip [mm], one or several, each checked to be one.
 
     Raises
     ------
     InputError
+        Text that is no length; what is not ahead of the tip.
     """
-    several = tuple(np.ravel(np.asarray(at, float)).tolist())
+    several = _millimetres(at)
     for distance in several:
         if not 0 < distance <= FARTHEST["length"]:
             raise refusal(

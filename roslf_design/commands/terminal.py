@@ -20,7 +20,6 @@ from cyclopts import Parameter
 from ..design.files import in_the_way, write_atomically
 from ..errors import Argument, InputError, Problem, printable, refusal
 from ..options import check_distances, check_seed
-from ..units import read_quantity
 from ..words import about_time
 
 Flag = Annotated[bool, Parameter(negative=())]
@@ -289,9 +288,4 @@ def parse_sigmas(texts: list[str] | None) -> dict[str, str]:
 
 def read_distances(texts: list[str] | None) -> tuple[float, ...]:
     """Distances ahead of the tip [mm] from their texts; refused where one is none."""
-    try:
-        lengths = tuple(read_quantity(text, "length") for text in texts or ())
-    except ValueError as error:
-        raise refusal("at", str(error)) from None
-    check_distances(lengths)
-    return lengths
+    return check_distances(texts or ())

@@ -172,21 +172,26 @@ def where_above(values: ArrayLike, x: ArrayLike, y: ArrayLike, level: float) -> 
 
 LABELLED = 0.15
 """Share of a map's width or height from which a line of equal values has its number."""
+INSIDE = 0.46
+"""Distance from a map's middle, over its width or height, within which the number stands."""
 
 
 def contours(values: ArrayLike, x: ArrayLike, y: ArrayLike, levels: Iterable[tuple[float, str]]) -> list[Line | Text]:
-    """Lines of equal values, each with its number on its longest if that is no mere corner; as for `where_above`."""
+    """Lines of equal values, numbered nearest the middle unless in a mere corner; values as for `where_above`."""
     from contourpy import contour_generator
 
     made = contour_generator(x, y, np.ma.masked_invalid(np.asarray(values, float)), name="serial")
+    sides = np.array([[np.min(x), np.min(y)], [np.max(x), np.max(y)]], float)
+    middle, spans = sides.mean(axis=0), np.ptp(sides, axis=0)
     marks: list[Line | Text] = []
     for level, text in levels:
         if runs := [np.asarray(run) for run in made.lines(level)]:
             longest = max(runs, key=len)
-            middle_x, middle_y = map(float, longest[len(longest) // 2])
+            away = np.abs((longest - middle) / np.where(spans > 0, spans, 1.0)).max(axis=1)
+            middle_x, middle_y = map(float, longest[int(away.argmin())])
             marks.append(Line(*xy(joined(runs)), width=0.8))
-            if (np.ptp(longest, axis=0) > LABELLED * np.array([np.ptp(x), np.ptp(y)])).any():
-                marks.append(Text(middle_x, middle_y, text, anchor="middle", dy=4.0, halo=True))
+            if away.min() < INSIDE and (np.ptp(longest, axis=0) > LABELLED * spans).any():
+                marks.append(Text(middle_x, middle_y, text, anchor="middle", dy=4.0, plate=True))
     return marks
 
 

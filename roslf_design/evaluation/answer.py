@@ -11,7 +11,7 @@ import numpy as np
 
 from ..bore.mapping import angle_map
 from ..lenses.angles import F_TAN
-from ..options import check_distances
+from ..options import Distance, check_distances
 from ..theory import tube
 from ..theory.depth_budget import COVERAGE, DepthBudget, depth_budget
 from ..theory.field_of_view import focus_ahead
@@ -126,7 +126,7 @@ class FirstAnswer:
     def of(
         cls,
         shown: FieldImages,
-        at: float | Sequence[float] = (),
+        at: Distance | Sequence[Distance] = (),
         build: LengthCovariance | None = None,
         calibration: CalibratedLengths | None = None,
         budget: DepthBudget | None = None,

@@ -25,6 +25,7 @@ from ..effects.plan import plan
 from ..errors import refusal
 from ..lenses.glass import AIR, ROOM
 from ..lenses.material import material_label
+from ..options import Distance
 from ..theory import exit_pupil
 from ..theory.depth_budget import DepthBudget, depth_budget
 from ..theory.depth_error import depth_error
@@ -78,7 +79,7 @@ def evaluate(
     fields: Sequence[float | tuple[float, float]] | NDArray[Any] | float | None = None,
     accuracy: float | None = None,
     *,
-    at: float | Sequence[float] = (),
+    at: Distance | Sequence[Distance] = (),
     temperature: float | str | None = None,
     build: LengthCovariance | None = None,
     calibration: CalibratedLengths | None = None,
@@ -96,8 +97,8 @@ def evaluate(
     accuracy : float, optional
         What shares of light may be off by where parts are tilted and rays are counted; None is 65 536 rays. Straight
         designs are exact whatever is asked for.
-    at : float or sequence of float
-        Distances ahead of the tip [mm] that the first answer tells of, beside the focal plane.
+    at : float or str, or a sequence of these
+        Distances ahead of the tip [mm], or text as "10 mm", that the first answer tells of, beside the focal plane.
     temperature : float or str, optional
         Of the camera and of what it looks through: degrees C, or text as "37 degC", as `Design.at_temperature` takes
         it. None is what the design's `[environment]` says, else 20 degrees C.

@@ -12,7 +12,7 @@ import numpy as np
 from ..camera import Camera
 from ..design import Design
 from ..errors import refusal
-from ..options import one_distance
+from ..options import Distance, one_distance
 from ..theory.focused import FocusedArray
 from ..theory.limits import as_design
 from ..theory.quantities import quantities_of_cameras
@@ -30,7 +30,7 @@ def evaluate_many(
     designs: Mapping[str, Design | str | Path] | Iterable[Design | str | Path],
     quantities: Sequence[str] = ANSWERS,
     *,
-    at: float | tuple[float] | None = None,
+    at: Distance | tuple[Distance] | None = None,
     temperature: float | str | None = None,
 ) -> QuantityTable:
     """Quantities of many designs as a table: a row a design, a column a quantity.
@@ -44,7 +44,7 @@ def evaluate_many(
         or the design's own name.
     quantities : sequence of str
         Names in `QUANTITIES`, of whole cameras.
-    at : float, optional
+    at : float or str, optional
         Distance ahead of the bore's tip for quantities that are asked for at one [mm], of a single one as `evaluate`
         takes several; None is the focal plane.
     temperature : float or str, optional

@@ -16,7 +16,7 @@ from ..json_data import plain
 from ..tables import Table, plain_text, print_table
 from ..theory.depth_budget import COVERAGE, KINDS, BudgetTerm, DepthBudget
 from ..theory.focused import FocusedArray
-from ..theory.quantities import QUANTITIES
+from ..theory.quantities import QUANTITIES, quantity_named
 from ..theory.quantity import Quantity
 from ..words import fixed, number, place, spaced
 from .answer import DISTANCES, MEANT, FirstAnswer
@@ -96,9 +96,12 @@ class Evaluation:
         """Numbers of a group; the evaluation itself where it has no name."""
         return getattr(self, name) if name else self
 
-    def value(self, quantity: Quantity) -> Any:
-        """Value of a quantity that is `evaluated`."""
-        assert quantity.evaluated is not None
+    def value(self, quantity: Quantity | str) -> Any:
+        """Value of a quantity that is `evaluated`, or of its name."""
+        quantity = quantity_named(quantity) if isinstance(quantity, str) else quantity
+        if quantity.evaluated is None:
+            name = quantity.name
+            raise ValueError(f"holds no {name}; ask roslf.quantity({name!r}) of roslf.Camera.of(design)")
         return getattr(self.group(quantity.evaluated.under), quantity.evaluated.key or quantity.name)
 
     def to_dict(self) -> dict[str, Any]:

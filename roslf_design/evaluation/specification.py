@@ -15,7 +15,7 @@ from .._arrays import Array
 from ..camera import Camera
 from ..design import Design
 from ..json_data import plain
-from ..options import check_distances
+from ..options import Distance, check_distances
 from ..shapes.lattice import PACKINGS
 from ..theory import field_of_view, light, tube
 from ..theory.colours import ColourFilter, filters
@@ -372,7 +372,7 @@ def resolved(images: IdealImages | DesignImages, field: int, station: Station, i
 
 def specification(
     design: Design | str | Path,
-    at: float | Sequence[float] = (),
+    at: Distance | Sequence[Distance] = (),
     shown: FieldImages | None = None,
     budget: BudgetAt | None = None,
 ) -> Specification:
@@ -385,7 +385,7 @@ def specification(
     ----------
     design : Design, str or Path
         A design, the name of a preset, or a design file.
-    at : float or sequence of float
+    at : float or str, or a sequence of these
         Distances ahead of the tip [mm] that are told of beside the working range's ends and the focal plane.
     shown : FieldImages, optional
         Those of the design, where they are known.

@@ -359,6 +359,9 @@ class _WindowPart(_Round):
             lacks.append(f"of {self.material.name}")
             apart += ANOTHER
         beyond = f"{length(self.diameter)} wide" if wider > 1 + SAME else ""
+        if design.tube is not None and self.diameter > (bore := design.tube.bore) * (1 + SAME):
+            lacks.append(f"{length(self.diameter)} wide in a tube of {length(bore)} inside")
+            apart += 2 * math.log(self.diameter / bore)
         return _Unlike((("thickness", self.thickness, element.length),), tuple(lacks), apart, beyond)
 
 

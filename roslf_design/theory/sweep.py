@@ -17,7 +17,7 @@ from ..bore.conjugates import follower
 from ..camera import Camera
 from ..design import PATHS, Design
 from ..errors import InputError
-from ..options import one_distance
+from ..options import Distance, one_distance
 from .focused import refuse_focused
 from .limits import as_design
 from .quantities import quantities_of_cameras
@@ -92,7 +92,7 @@ def sweep(
     design: Design | str | Path,
     places: Mapping[str, ArrayLike],
     quantities: Sequence[str],
-    at: float | Sequence[float] | None = None,
+    at: Distance | Sequence[Distance] | None = None,
 ) -> Sweep:
     """Quantities over one or two numbers of a design, all points at once.
 
@@ -105,7 +105,7 @@ def sweep(
         the same one follows as in `Design.replace`.
     quantities : sequence of str
         Names in `QUANTITIES`, of whole cameras.
-    at : float, optional
+    at : float or str, optional
         Distance ahead of the bore's tip for quantities that are asked for at one [mm], a list of one too; None is the
         focal plane. Behind the tip they have no value.
 

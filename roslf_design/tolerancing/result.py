@@ -175,11 +175,12 @@ class StudyResult:
         The share is 0 of what the nominal design misses.
         """
         design, short = self.plan.question.design, []
-        counted = {(limit.label, limit.low, limit.high) for limit in self.final.limits}
         for one in required_of(design, self.built):
-            alone = one.met and limit_of(one) not in counted and of_builds(one, bool(design.main_lens.kind.mounted))
+            label, low, high = limit_of(one)
+            counted = any(own.label == label and own.low >= low and own.high <= high for own in self.final.limits)
+            alone = one.met and not counted and of_builds(one, bool(design.main_lens.kind.mounted))
             told = share_that_meets(self.plan, self.final, one) if alone else Yield(int(one.met), 1)
-            if told.value < self.study.yield_target and limit_of(one) not in counted:
+            if told.value < self.study.yield_target and not counted:
                 met = (
                     f"{one.label} {one.limits}, which {100 * told.value:.1f} % of {told.trials:,} builds meet "
                     f"(standard error {100 * told.standard_error:.2g} %)"
