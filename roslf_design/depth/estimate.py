@@ -59,8 +59,6 @@ _CLEAR = 0.5
 """Chi-square of the best candidate, over that of all, below which it is clearly the best."""
 _ALIKE = 9.0
 """Chi-square between two disparities below which neither is the better: three standard errors."""
-
-
 _TURNS = 6.0
 """Standard errors of disparities that differences of second order exceed both ways about a step; by chance they do at
 one place in 1400."""

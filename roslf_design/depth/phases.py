@@ -97,8 +97,8 @@ class PhasedViews:
         far = float(np.abs(aside if aside.ndim == 3 else np.where(views.field.weight > 0, aside, 0)).max())
         side = WAVES + 2 * max(0, round(far) - 1)
         # What noise makes of the range of disparities asks for no other nodes.
-        kept = (key for key in self._phases if key[1:] == (side, shared) and abs(key[0] - most) <= 1)
-        key = next(kept, (most, side, shared))
+        alike = (key for key in self._phases if key[1:] == (side, shared) and abs(key[0] - most) <= 1)
+        key = next(alike, (most, side, shared))
         if key not in self._phases:
             self._phases[key] = _Phases.of(self.light, *key)
         phases = self._phases[key]

@@ -45,8 +45,8 @@ def evaluate_many(
     quantities : sequence of str
         Names in `QUANTITIES`, of whole cameras.
     at : float or str, optional
-        Distance ahead of the bore's tip for quantities that are asked for at one [mm], of a single one as `evaluate`
-        takes several; None is the focal plane.
+        Distance ahead of the bore's tip [mm], or text as "10 mm", for quantities that are asked for at one; None is the
+        focal plane.
     temperature : float or str, optional
         Of every camera, as for `evaluate`.
 

@@ -162,8 +162,8 @@ def depth_behind_lens(camera: Camera, lens: RealLens | None, budget: DepthBudget
         return ()
     text = (
         f"depth behind {lens.lens}: aberrations put views up to {number(ROUND * blur, 3)} pitches out of focus "
-        f"(at {place(at, 4)} mm on the MLA); up to 2 % of that can stay in measured depths as a bias, here "
-        f"{number(off, 2)} mm in focus, which u = {number(u, 3)} mm does not count"
+        f"(at {place(at, 4)} mm on the MLA); up to {100 * LEFT:g} % of that can stay in measured depths as a bias, "
+        f"here {number(off, 2)} mm in focus, which u = {number(u, 3)} mm does not count"
     )
     remedy = (
         "`roslf depth` with a --region there measures bias and scatter; a better corrected lens or a smaller FAP "

@@ -110,8 +110,8 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
         shares: dict[str, float] = {}
         known: dict[str, list[dict[str, Any]]] = {}
 
-        def laid_out(shares: Mapping[str, float], *found: Mapping[str, float]) -> str:
-            choice = json.dumps([shares, sorted(fitting), sorted(late), *(found or ({}, {}))])
+        def laid_out(shares: Mapping[str, float], *places: Mapping[str, float]) -> str:
+            choice = json.dumps([shares, sorted(fitting), sorted(late), *(places or ({}, {}))])
             (root / "figures.json").write_text(choice, encoding="utf-8")
             return choice
 

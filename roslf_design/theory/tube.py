@@ -101,10 +101,10 @@ def walls(c: Camera) -> str:
     outer, wall, narrowest = float(c[OUTER]), float(shell(c)), float(np.max(_about(c)))
     walls = "walls with light guide" if GUIDE in c.numbers else "walls"
     parts = f"parts of {number(narrowest - 2 * wall, 4)} mm and {walls} of {number(wall, 4)} mm"
-    told = f"as stated: {parts}, clearance {number(outer - narrowest, 3, 1e-9)} mm"
+    counted = f"as stated: {parts}, clearance {number(outer - narrowest, 3, 1e-9)} mm"
     if outer < narrowest * (1 - 1e-9):
-        told = f"with its wall: {parts}; {number(outer, 4)} mm as stated is too narrow"
-    return "; ".join(filter(None, (told, uncounted(c))))
+        counted = f"with its wall: {parts}; {number(outer, 4)} mm as stated is too narrow"
+    return "; ".join(filter(None, (counted, uncounted(c))))
 
 
 def outer_diameters(c: Camera) -> Array:

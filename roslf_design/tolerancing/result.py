@@ -179,13 +179,13 @@ class StudyResult:
             label, low, high = limit_of(one)
             counted = any(own.label == label and own.low >= low and own.high <= high for own in self.final.limits)
             alone = one.met and not counted and of_builds(one, bool(design.main_lens.kind.mounted))
-            told = share_that_meets(self.plan, self.final, one) if alone else Yield(int(one.met), 1)
-            if told.value < self.study.yield_target and not counted:
+            share = share_that_meets(self.plan, self.final, one) if alone else Yield(int(one.met), 1)
+            if share.value < self.study.yield_target and not counted:
                 met = (
-                    f"{one.label} {one.limits}, which {100 * told.value:.1f} % of {told.trials:,} builds meet "
-                    f"(standard error {100 * told.standard_error:.2g} %)"
+                    f"{one.label} {one.limits}, which {100 * share.value:.1f} % of {share.trials:,} builds meet "
+                    f"(standard error {100 * share.standard_error:.2g} %)"
                 )
-                short.append((met if one.met else missed_words([one]), told.value))
+                short.append((met if one.met else missed_words([one]), share.value))
         return tuple(short)
 
     @property

@@ -399,10 +399,8 @@ def _change(result: Result) -> Iterator[Figure]:
 def _tables(result: Result) -> Iterator[Table]:
     answer, robust = result.answer, result.robust
     problem, held, follows = answer.problem, answer.held(), answer.followers()
-    others, values = (
-        dict.fromkeys(held, "held") | dict.fromkeys(follows, "follows"),
-        answer.variables() | held | follows,
-    )
+    values = answer.variables() | held | follows
+    others = dict.fromkeys(held, "held") | dict.fromkeys(follows, "follows")
     moved: dict[str, float] = {}
     if robust is not None:
         moved = problem.named(robust.unit) | problem.held(robust.unit) | problem.following(robust.unit)
