@@ -13,7 +13,7 @@ from ..bore.mapping import angle_map
 from ..lenses.angles import F_TAN
 from ..options import Distance, check_distances
 from ..theory import tube
-from ..theory.depth_budget import COVERAGE, DepthBudget, depth_budget
+from ..theory.depth_budget import COVERAGE, OVERLAP, DepthBudget, depth_budget
 from ..theory.field_of_view import focus_ahead
 from ..theory.focused import has_views
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
@@ -64,7 +64,9 @@ class _AtDistance:
         if self.expanded_mm is None:
             return where, field, "-", "-", "-"
         depth = (
-            (f"± {number(self.expanded_mm, 2)} mm", self.mostly) if math.isfinite(self.expanded_mm) else ("none", "")
+            (f"± {number(self.expanded_mm, 2)} mm", self.mostly)
+            if math.isfinite(self.expanded_mm)
+            else ("none", self.mostly if self.mostly == OVERLAP else "")
         )
         if self.usable_lp_per_mm is None:
             return where, field, *depth, "none"

@@ -22,7 +22,7 @@ from ..theory.f_number import TOUCHING_PX, fill_factor, main_lens_f_number, matc
 from ..theory.focused import LEAST_VIEWS, FocusedArray, filtered_views, has_views, is_focused, pupil_remedy
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import outer_slope, sensor_field
-from ..theory.photometry import accepted, response
+from ..theory.photometry import LARGEST_FILL, accepted, exposure, full_level, response
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import FEASIBLE
 from ..words import length, listed, number, percent, place, the
@@ -442,10 +442,15 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
                 f"the whole microlens image {100 * (1 - kept):.3g} % is lost there, which makes depth noise about "
                 f"{kept**-0.5:.3g} times as large; {_straighter(camera, kept)}"
             )
-    if 1 < float(fill_factor(camera)) < math.inf and (full := share_saturated(camera)) > TAKEN_LOSS:
+    if math.isfinite(float(fill_factor(camera))) and (full := share_saturated(camera)) > TAKEN_LOSS:
+        room = float(full_level(camera) * LARGEST_FILL)
+        cause, ways = ", where light of neighbouring images adds up", "images that do not overlap or a shorter exposure"
+        if room < LARGEST_FILL:
+            fits = f"{number(1e3 * room * float(exposure(camera)), 3)} ms"
+            cause, ways = "", f"light.exposure of {fits} or less, or none given,"
         yield (
-            f"{percent(full)} of the pixels saturate, where light of neighbouring images adds up: depth noise counts "
-            "them as telling nothing; images that do not overlap or a shorter light.exposure leave room"
+            f"{percent(full)} of the pixels saturate{cause}: depth noise counts them as telling nothing; {ways} leaves "
+            "room"
         )
     corner = float(sensor_field(camera).radius)
     beyond = float(outer_slope(camera, corner)) / camera.lens.told_to

@@ -14,15 +14,16 @@ import numpy as np
 from .._arrays import Array, by_value
 from ..camera import TEMPERATURES, Camera
 from ..words import listed, number
-from .depth_error import depth_error, lengths_error, seen_at, temperature_error
+from .depth_error import MOST_FILL, depth_error, lengths_error, overlap_error, seen_at, temperature_error
 from .disparity_error import axial_disparity_sigmas
+from .f_number import fill_factor
 from .length_covariance import CalibratedLengths, LengthCovariance
 from .photometry import NOTHING, Beside
 from .quantity import Depth
 
 COVERAGE = 2
 """k: 95 % of depths lie within U where errors are normal."""
-NOISE, MISMATCH, VEIL = "shot and read noise", "view mismatch", "veil"
+NOISE, MISMATCH, VEIL, OVERLAP = "shot and read noise", "view mismatch", "veil", "image overlap"
 BUILT, CALIBRATED, WARMTH = "lengths as built", "lengths as calibrated", "temperature"
 MODEL_ALONE = "no board covers that distance: there the model alone tells depth"
 ABERRATED = "a bias by the real lens's aberrations is not in it: `roslf depth` measures it"
@@ -175,6 +176,10 @@ def depth_budget(
             BudgetTerm(MISMATCH, "B", "precision", _added(uneven, noise), _mismatch_words(c)),
             BudgetTerm(VEIL, "B", "precision", _added(hazy, uneven), f"{_percent(c['light.veil'])} of full scale"),
         ]
+        overlap = overlap_error(c)
+        if np.any(overlap):
+            remark = f"image fill {_typical(fill_factor(c)):.3g}: beyond {MOST_FILL} views cannot be told apart"
+            terms.append(BudgetTerm(OVERLAP, "B", "precision", overlap, remark))
     terms += _lengths(c, at, build, calibration)
     warmth = temperature_error(c, at)
     remark = "no temperature range is given (environment.range)"

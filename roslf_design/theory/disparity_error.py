@@ -40,6 +40,7 @@ from ..shapes.openings import Openings
 from .colours import filters, panchromatic
 from .disparity_information import (
     FULL,
+    FULL_SIGMAS,
     SHARPEST,
     ArrayKind,
     Seen,
@@ -208,15 +209,20 @@ def _informations(images: MicrolensImages, plane: Seen, waves: Spectrum | None, 
 def share_saturated(c: Camera) -> float:
     """Share of the pixels on the axis that hold more than the full well, neighbours' light where images overlap too."""
     images, rise = MicrolensImages(panchromatic(c), [(0.0, 0.0)]), PACKINGS[c.layout].rise
-    if not overlapping(float(fill_factor(c)), rise, images.openings.first_is_disc) > FULL:
+    lit, room = float(electrons(c)), float(c["sensor.full_well"] - veil_electrons(c))
+
+    def spread(charge: Array | float) -> Array:
+        return np.sqrt(np.maximum(charge, 0.0) + dark_variance(c) + np.square(c["depth.contrast"] * charge))
+
+    alone = not overlapping(float(fill_factor(c)), rise, images.openings.first_is_disc) > FULL
+    if alone and lit + FULL_SIGMAS * float(spread(lit)) < room:
         return 0.0
     from scipy.special import ndtr
 
     places = (np.arange(CELL_PLACES) + 0.5) / CELL_PLACES
     x, y = places, np.concatenate([places, 1 + places]) * rise  # rows of hexagonal arrays alternate
-    charge = float(electrons(c)) * light_read(images, x, y, AS_IT_IS).sum(0)
-    spread = np.sqrt(np.maximum(charge, 0.0) + dark_variance(c) + np.square(c["depth.contrast"] * charge))
-    return float(ndtr((charge + veil_electrons(c) - c["sensor.full_well"]) / spread).mean())
+    charge = lit * light_read(images, x, y, AS_IT_IS).sum(0)
+    return float(ndtr((charge - room) / spread(charge)).mean())
 
 
 def disparity_sigmas(images: MicrolensImages, plane: Seen, besides: tuple[Beside, ...] = (NOTHING,)) -> Array:

@@ -2,6 +2,7 @@ import dataclasses
 import json
 import math
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -281,6 +282,24 @@ def test_warnings_name_what_is_odd(paper):
     overlapping = roslf.evaluate(paper.replace({"aperture.diameter": 1.6 * paper.D_F})).warnings
     assert any("% of the pixels saturate, where light of neighbouring images adds up" in text for text in overlapping)
     assert not roslf.evaluate(paper).warnings
+    (full,) = roslf.evaluate(paper.replace({"light.exposure": 1.0})).warnings
+    (fits,) = re.findall(r"light.exposure of ([\d.]+) ms or less", full)
+    assert not roslf.evaluate(paper.replace({"light.exposure": 1e-3 * float(fits)})).warnings
+
+
+def test_depth_that_overlapping_images_cannot_tell_is_none_and_says_why(paper):
+    """`roslf depth` knows no microlens of the mismatched borescope, whose images are 2.08 pitches wide."""
+    design = roslf.load("mismatched-borescope")
+    result = roslf.evaluate(design)
+    assert math.isinf(result.depth_budget.u_z_mm)
+    assert math.isfinite(result.depth.sigma_z_mm)
+    assert "none      image overlap" in str(result)
+    term = next(term for term in result.to_dict()["depth"]["expected"]["terms"] if term["name"] == "image overlap")
+    assert term["u_mm"] is None
+    assert "beyond 1.5" in term["remark"]
+    given = roslf.evaluate(design.replace({"depth.disparity_error": 0.05}))
+    assert math.isfinite(given.depth_budget.u_z_mm)
+    assert "image overlap" not in str(roslf.evaluate(paper))
 
 
 def test_an_ideal_lens_beyond_a_double_gauss_of_f_1_4_over_46_degrees_says_so():
