@@ -161,7 +161,8 @@ def promised(
     """Best candidate whose yield surely reaches the target, with that yield on fresh draws; None where there is none.
 
     Whatever was tuned until some builds hold a target holds it better on these than on others. So the search aims at
-    the lower end of the yield's interval, other builds judge, and where these fall short it aims higher by as much.
+    the lower end of the yield's interval, other builds judge, and where these fall short it aims higher by as much, and
+    by 1, 2, 4, ... of the builds searched on at least.
 
     Parameters
     ----------
@@ -174,14 +175,14 @@ def promised(
         Wanted yield.
     """
     aim = target
-    for _ in range(ROUNDS):
+    for tried in range(ROUNDS):
         best = search(aim)
         if best is None:
             return None
         result = judged(best)
         if result.interval[0] >= target:
             return best, result
-        aim += target - result.interval[0]
+        aim += max(target - result.interval[0], FRESH * 2**tried / result.trials)
     return None
 
 

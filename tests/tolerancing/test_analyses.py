@@ -22,7 +22,7 @@ from roslf_design.tolerancing.sensitivities import (
 from roslf_design.tolerancing.study import plan_from
 from roslf_design.tolerancing.summaries import correlations, summarise
 from roslf_design.tolerancing.trials import Compensator, measure, one_trial
-from roslf_design.tolerancing.yields import Yield, scale_for_yield, yield_at
+from roslf_design.tolerancing.yields import FRESH, Yield, least_passed, promised, scale_for_yield, yield_at
 
 from .test_budgets import surely
 
@@ -419,3 +419,20 @@ def test_yield_at_other_scales_uses_the_same_draws():
     plan = study([{"metric": "f_number_microlens", "max": 31.9}], [D_2])
     yields = [yield_at(plan, scale, 4096).passed for scale in np.linspace(0.1, 4, 25)]
     assert yields == sorted(yields, reverse=True)
+
+
+def test_a_target_that_tighter_tolerances_hold_is_always_found():
+    """Builds that fail beyond a scale of their own, evenly drawn up to 1: half of the scale for twice the yield."""
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        own, others = np.sort(rng.random(2000)), rng.random(FRESH * 2000)
+
+        def largest(aim, own=own):
+            return own[-least_passed(aim, own.size)]
+
+        def judged(scale, others=others):
+            return Yield(int((others >= scale).sum()), others.size)
+
+        scale, reached = promised(largest, judged, 0.95)
+        assert reached.interval[0] >= 0.95
+        assert scale > 0.03  # 0.05 would do of endless builds
