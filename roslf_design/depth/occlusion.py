@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from .._jit import THREADS, kernel, prange
-from .windows import SharedLight, WindowFit, chance
+from .windows import SharedLight, WindowFit, carried, chance
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -89,11 +89,7 @@ def _take_best(
                     over, under = u - a, v - b
                     if (over % reach) + (under % reach) or misfit[b, a] > 1 or not fit[5, b, a] > 3:
                         continue
-                    change = fit[6, b, a] * over + fit[7, b, a] * under
-                    value = fit[0, b, a] + min(max(change, -0.5), 0.5)
-                    carried = fit[8, b, a] * over * over + 2 * fit[9, b, a] * over * under
-                    carried += fit[10, b, a] * under * under
-                    error = math.sqrt(fit[1, b, a] ** 2 + max(carried, 0.0))
+                    value, error = carried(fit, b, a, over, under)
                     change = value - begun[v, u]
                     own = sums[9, v, u] + (2 * moment[v, u] + raw[v, u] * change) * change
                     reported = error * widened[b, a]

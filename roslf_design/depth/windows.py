@@ -93,6 +93,9 @@ class WindowFit:
     """Covariance of the slopes."""
     uv: Array
     vv: Array
+    with_u: Array
+    """Covariance of the disparity with the slopes."""
+    with_v: Array
 
     @classmethod
     def of(cls, look: SharedLight, window: int, alone: Flags | None = None) -> WindowFit:
@@ -103,14 +106,14 @@ class WindowFit:
         near, reach = (box(look.terms, window), 0) if alone is None else (look.terms, window // 2)
         some = np.ones(near.shape[1:], np.bool_) if alone is None else alone
         wide = box(look.terms, 3 * window) if alone is None else near[:0]
-        fit = np.empty((11, *near.shape[1:]))
+        fit = np.empty((13, *near.shape[1:]))
         with THREADS:
             _fit_windows.compiled(near, reach, wide, look.disparity, some, QUORUM * window**2, look.density, fit)
         return cls(*fit)._beside(window // 2) if alone is None else cls(*fit)
 
     @property
     def maps(self) -> Array:
-        """All of them, shape (11, v, u), which they are parts of."""
+        """All of them, shape (13, v, u), which they are parts of."""
         assert self.disparity.base is not None
         return self.disparity.base
 
@@ -140,9 +143,20 @@ class WindowFit:
         return WindowFit(*moved)
 
 
+@kernel(inline=True)
+def carried(fit: Array, v: int, u: int, over: int, under: int) -> tuple[float, float]:
+    """Disparity of a window's plane so far beside its middle, and its standard error; `fit` as `WindowFit.maps`."""
+    change = fit[6, v, u] * over + fit[7, v, u] * under
+    # What the window says errs with the slopes: by the same noise, where it lies aside of what tells these.
+    to_u = fit[8, v, u] * over + fit[9, v, u] * under + 2 * fit[11, v, u]
+    to_v = fit[9, v, u] * over + fit[10, v, u] * under + 2 * fit[12, v, u]
+    variance = fit[1, v, u] ** 2 + over * to_u + under * to_v
+    return fit[0, v, u] + min(max(change, -0.5), 0.5), math.sqrt(max(variance, 0.0))
+
+
 @kernel(parallel=True)
 def _move_beside(fit: Array, misfit: Array, reach: int, moved: Array) -> None:
-    """Put the best of the windows `reach` aside where one's `misfit` is above 1; shape (11, v, u), as `WindowFit`."""
+    """Put the best of the windows `reach` aside where one's `misfit` is above 1; shape (13, v, u), as `WindowFit`."""
     rows, columns = misfit.shape
     for v in prange(rows):
         for u in range(columns):
@@ -158,10 +172,9 @@ def _move_beside(fit: Array, misfit: Array, reach: int, moved: Array) -> None:
                 row, column = v - under, u - over
                 for k in range(fit.shape[0]):
                     moved[k, v, u] = fit[k, row, column]
-                across, down, uu, uv, vv = fit[6:, row, column]
-                moved[0, v, u] += min(max(across * over + down * under, -0.5), 0.5)
-                carried = uu * over * over + 2 * uv * over * under + vv * under * under
-                moved[1, v, u] = math.sqrt(fit[1, row, column] ** 2 + max(carried, 0.0))
+                moved[0, v, u], moved[1, v, u] = carried(fit, row, column, over, under)
+                moved[11, v, u] += fit[8, row, column] * over + fit[9, row, column] * under
+                moved[12, v, u] += fit[9, row, column] * over + fit[10, row, column] * under
 
 
 @kernel(parallel=True)
@@ -215,7 +228,7 @@ def _fit_windows(
 ) -> None:
     """Least squares of some windows by the sums of their terms, and of wider ones', if any, where these show a plane.
 
-    Terms are summed here, over so much `reach`. `fit`: the fields of `WindowFit`, shape (11, v, u).
+    Terms are summed here, over so much `reach`. `fit`: the fields of `WindowFit`, shape (13, v, u).
     """
     rows, columns = disparity.shape
     for v in prange(rows):
@@ -227,7 +240,7 @@ def _fit_windows(
                 add(down[k, a:], 1.0, sums[k])
         for u in range(columns):
             if not some[v, u]:
-                for k in range(11):
+                for k in range(13):
                     fit[k, v, u] = math.inf if k == 1 else 0.0
                 continue
             near = sums[:, u]
@@ -251,15 +264,19 @@ def _fit_windows(
             over = left - u if enough and sound else 0.0
             under = above - v if enough and sound else 0.0
             variance = information / density / share**2 if enough else math.inf
-            # Of a wide plane the slope errs with the window's mean m as well: var(m - g o) has -2 cov(m, g) o.
-            to_u, to_v = over - 2 * (left - mean_u), under - 2 * (above - mean_v)
-            carried = over * (uu * to_u + uv * to_v) + under * (uv * to_u + vv * to_v)
-            variance += max(carried, 0.0) / density
+            uu, uv, vv = uu / density, uv / density, vv / density
+            # Of a wide plane the slope errs with the window's mean m as well: cov(m, g) is C(g) from its middle to m's.
+            off_u, off_v = left - mean_u, above - mean_v
+            to_u = uu * (over - 2 * off_u) + uv * (under - 2 * off_v)
+            to_v = uv * (over - 2 * off_u) + vv * (under - 2 * off_v)
+            variance += max(over * to_u + under * to_v, 0.0)
             fit[0, v, u] = value - min(max(across * over + below * under, -0.5), 0.5)
             fit[1, v, u] = math.sqrt(variance)
             fit[2, v, u] = max(square, 0.0) / max(free - 1, 0.5) if free > 1.5 else 0.0
             fit[3, v, u], fit[4, v, u], fit[5, v, u] = free - 1, own, spare
             fit[6, v, u], fit[7, v, u], fit[8, v, u], fit[9, v, u], fit[10, v, u] = across, below, uu, uv, vv
+            off_u, off_v = (off_u - over, off_v - under) if enough else (0.0, 0.0)
+            fit[11, v, u], fit[12, v, u] = uu * off_u + uv * off_v, uv * off_u + vv * off_v
 
 
 def chance(freedom: Array) -> Array:
