@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import THREADS
 from ..calibration.decoding import LightField
+from .bends import bent_off
 from .occlusion import BESIDE_STEP, SIZES, beside_steps, past_edges
 from .warping import (
     SUMS,
@@ -59,9 +60,6 @@ _CLEAR = 0.5
 """Chi-square of the best candidate, over that of all, below which it is clearly the best."""
 _ALIKE = 9.0
 """Chi-square between two disparities below which neither is the better: three standard errors."""
-_TURNS = 6.0
-"""Standard errors of disparities that differences of second order exceed both ways about a step; by chance they do at
-one place in 1400."""
 
 
 class DisparityStatus(IntEnum):
@@ -663,6 +661,12 @@ class Start:
     zones: _Zones | None = None
     """Groups of views that were compared."""
 
+    @property
+    def dark(self) -> Flags:
+        """True of microlenses that no view has light of, whose disparity is that of the nearest others."""
+        assert self.every is not None
+        return np.asarray(self.every.views.lit == 0)
+
     def alike(self, noise: PixelNoise) -> Flags:
         """True where another disparity fits as well."""
         times = self.noise.read_noise / noise.read_noise if noise != self.noise else 1.0
@@ -725,6 +729,8 @@ def _searched(
 
     `coarse`: of microlenses four by four together; `groups`, where these are made.
     """
+    from scipy import ndimage
+
     views, noise = every.views, every.noise
     groups = _Zones.of(views, noise, max(abs(low), abs(high)), coarse) if groups is None else groups
     zones, cells, overall, some = groups
@@ -748,7 +754,10 @@ def _searched(
     with np.errstate(invalid="ignore"):
         margin = np.where(np.isfinite(second), ((second - least) - 0.02 * (level - least)) * freedom, np.inf)
     beyond = [float(np.mean((best == end) & (least < _CLEAR * level))) for end in (0, len(candidates) - 1)]
-    picture: Array = np.where(np.isfinite(least), means[best, rows, columns], overall)
+    told = np.isfinite(least)
+    picture: Array = np.where(told, means[best, rows, columns], overall)
+    if near is None and told.any() and not told.all():
+        start = start[tuple(ndimage.distance_transform_edt(~told, return_distances=False, return_indices=True))]
     if coarse and near is None:
         # One correction of these costs a quarter of one of all pixels.
         chosen = np.ones(len(some.grid), np.bool_)
@@ -811,56 +820,11 @@ def _judged(
 
 def _with_errors_of_views(judged: DisparityMap, pulled: Array, chi2: Array) -> tuple[DisparityMap, list[float]]:
     """Disparities with errors for bends too; how much more windows of `SIZES` vary than if noise were each sample's."""
-    bent = np.abs(_bent(np.where(beside_steps(judged.disparity), np.nan, judged.disparity), judged.window))
+    bent = np.abs(bent_off(np.where(beside_steps(judged.disparity), np.nan, judged.disparity), judged.window))
     some = judged.measured & (pulled > 0).all(axis=0)
     total = chi2[some].sum()
     whole, *small = (max(1.0, float(pull[some].sum() / total)) if total > 0 else 1.0 for pull in pulled)
     return replace(judged, sigma=np.hypot(judged.sigma, bent), alike=whole), small
-
-
-def _bent(disparity: Array, window: int) -> Array:
-    """Mean of each window of a bent surface less its middle; 0 where it cannot be told.
-
-    Of uniform windows of w samples: (w^2 - 1)/24 of the second derivatives, by differences over somewhat less than w.
-    """
-    lag, total = window // 2 + 2, np.zeros(disparity.shape)
-    for part, apart in ((disparity, total), (disparity.T, total.T)):
-        apart[lag:-lag] += part[2 * lag :] + part[: -2 * lag] - 2 * part[lag:-lag]
-    return np.nan_to_num(total) * (window**2 - 1) / 24 / lag**2
-
-
-def straightened(disparity: Array, window: int, error: float, times: int = 1) -> Array:
-    """Disparities of a bent surface at the middles of windows that mean it, so many `times`; as they are beside steps.
-
-    Its bend is that of two windows' width, less noisy than each one's own, and near the field's rims the nearest. Where
-    the field is large enough, windows that its rims crop or that hold its outermost microlenses take no part: views of
-    these look past the picture, and what they have of neighbours' light is not all known. Nor do windows that see both
-    sides of a step, by the standard `error` of disparities.
-    """
-    from scipy import ndimage
-
-    lag, most = window // 2 + 2, (min(disparity.shape) - 1) // 2
-    if most < lag:
-        return disparity
-    rim, steps = min(lag + window // 2 + 1, most), beside_steps(disparity) | _turning(disparity, window, error)
-    stepped, mixed = (ndimage.maximum_filter(steps, 2 * reach + 1) for reach in (lag, rim))
-    bent = np.where(mixed, 0, _bent(disparity, window))[rim:-rim, rim:-rim]
-    bend = np.pad(ndimage.uniform_filter(bent, 2 * window + 1, mode="nearest"), rim, mode="edge")
-    return disparity - np.where(stepped, 0, times * bend)
-
-
-def _turning(disparity: Array, window: int, error: float) -> Flags:
-    """True where a surface bends one way before and the other way beyond, as windows have it about any step.
-
-    Bends of a step that is lost in the standard error of disparities move these by a small part of one.
-    """
-    lag, half, turns = window // 2 + 2, window // 2, np.zeros(disparity.shape, np.bool_)
-    for part, there in ((disparity, turns), (disparity.T, turns.T)):
-        second = part[2 * lag :] + part[: -2 * lag] - 2 * part[lag:-lag]
-        before, beyond = second[: -2 * half], second[2 * half :]
-        opposed = np.maximum(np.minimum(before, -beyond), np.minimum(-before, beyond))
-        there[lag + half : lag + half + len(opposed)] |= opposed > _TURNS * error
-    return turns
 
 
 def _unlit(views: _Views, window: int, search: tuple[float, float]) -> DisparityMap:

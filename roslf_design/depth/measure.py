@@ -30,12 +30,14 @@ from ..theory.disparity_error import disparity_sigma
 from ..theory.disparity_information import Seen
 from ..theory.photometry import NOTHING, dark_variance, electrons, veil_electrons
 from ..theory.stop_images import MicrolensImages
+from .bends import straightened
+from .crosstalk import with_shared_light
 from .dense import DenseMap
-from .estimate import DisparityMap, DisparityStatus, PixelNoise, Start, estimate_disparity, saturated, straightened
-from .geometry import ArrayGeometry, GridGeometry, ViewGeometry, Viewing, disparity_of, sigma_of
+from .estimate import DisparityMap, DisparityStatus, PixelNoise, Start, estimate_disparity
+from .geometry import ArrayGeometry, ViewGeometry, Viewing, disparity_of, sigma_of
 from .pictures import SLANT, Framed, PictureOptions, Unexposed, Work, chief_rays, default_scene, lattice_of, rays_for
 from .traced_views import TracedViews
-from .unmixing import PreparedViews, places_on_array
+from .unmixing import places_on_array
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -52,13 +54,6 @@ DIRECTIONS = 6
 """Directions of a texture whose errors behind a real lens are averaged."""
 PREDICTED = 8
 """Fields along each axis at which the error is predicted."""
-SETTLING = 3
-"""Rounds in which the picture settles that says what neighbours send: what is off changes sign, to a third, in each."""
-DULLED, ASKED, ANSWERS = 0.05, 0.05, (-1.0, 0.7)
-"""Share of a view's samples that are saturated from which light that it shares is left out; error of the disparities
-that say what neighbours send which asks for what comes of it [pitches], and bounds of what may, over it."""
-DRAWN, MOST_DRAWN = 6_000, 80
-"""Microlenses, about, for which noise is drawn, which tell its variance to some 5 %, and along each side at most."""
 
 
 BEYOND = 100
@@ -368,11 +363,11 @@ def measure(
     if (again := viewing.at_phase(views, disparities)) is not None:
         views = again
         disparities = estimate(views.field, views.pupil, aside=views.aside, progress=part_of(progress, turned, 1.0))
-    views, disparities = _with_shared(field, noise, viewing, prepared_views, views, disparities, estimate)
+    views, disparities = with_shared_light(field, noise, viewing, prepared_views, views, disparities, estimate)
     progress(1.0)
     field, pupil, aside = views
     if isinstance(geometry, ArrayGeometry) and disparities.begun is not None:  # where all have a disparity
-        everywhere = disparities.begun.disparity
+        everywhere = np.where(disparities.begun.dark, np.nan, disparities.begun.disparity)
         bend = straightened(everywhere, disparities.window, disparities.error) - everywhere
         disparities = replace(disparities, disparity=disparities.disparity + bend)
     z = geometry.depth(disparities.disparity)
@@ -382,88 +377,6 @@ def measure(
     off = geometry.calibration_sigma(z)
     disparities = replace(disparities, begun=None)
     return Depths(geometry, field, pupil, aside, disparities, geometry.places(field), z, sigma, off)
-
-
-def _with_shared(
-    field: LightField, noise: PixelNoise, viewing: Viewing, looks: PreparedViews, views: PreparedViews,
-    disparities: DisparityMap, estimate: Callable[..., DisparityMap],
-) -> tuple[PreparedViews, DisparityMap]:  # fmt: skip
-    """Views and disparities once light that microlenses share tells them too.
-
-    What neighbours send follows from the picture and the disparities before, in some rounds, as views that share light
-    show another picture. An error of those disparities makes c times as much in those found, which one more round
-    shows, by others of the same picture. What windows take off a bent surface would come back as well, and is given
-    back first.
-    """
-    from scipy import ndimage
-
-    if isinstance(viewing, GridGeometry):  # cameras share no light
-        return views, disparities
-    rounds, lit = [disparities], views
-    dull = saturated(field, noise).mean((2, 3)) > DULLED
-    for number in range(SETTLING + 1):
-        before, latest = rounds[min(number, SETTLING - 1)].begun, rounds[-1].begun
-        if before is None or latest is None:
-            return views, disparities
-        smooth = ndimage.median_filter(before.disparity, disparities.window)
-        assumed = straightened(smooth, disparities.window, disparities.error, 2) + ASKED * (number == SETTLING)
-        shared = viewing.with_shared(field, looks, assumed, before.picture)
-        if shared is None:
-            return views, disparities
-        bright = np.where(dull[..., None, None], 0, shared.field.weight)
-        asked = shared._replace(field=replace(shared.field, weight=bright))
-        lit = lit if number == SETTLING else asked
-        rounds.append(estimate(asked.field, asked.pupil, aside=asked.aside, begun=latest))
-    found, other = rounds[-2:]
-    some = found.measured
-    both = some & other.measured
-    if not both.any():
-        return views, disparities
-    c = float(np.clip(np.median((other.disparity - found.disparity)[both]) / ASKED, *ANSWERS))
-    by_picture = viewing.returned(lit, float(np.median(found.disparity[both])))
-    compared = both & disparities.measured
-    first = float(np.median(disparities.sigma[compared] / found.sigma[compared])) if compared.any() else 1.0
-    back = float(np.clip(c + by_picture, *ANSWERS))
-    sigma = math.sqrt(_shared_noise(c, back, first, disparities.window, some.shape)) * found.sigma
-    names = ("disparity", "sigma", "status", "chi2", "views", "picture")
-    told: dict[str, Any] = {
-        name: np.where(some, sigma if name == "sigma" else getattr(found, name), getattr(disparities, name))
-        for name in names
-    }
-    return lit, replace(disparities, **told, begun=found.begun)
-
-
-def _shared_noise(c: float, back: float, first: float, window: int, shape: tuple[int, int]) -> float:
-    """Variance of disparities by shared light over that of samples each by itself, by noise drawn for a field of them.
-
-    Pixels that two microlenses share pull both, by covariances whose sum over neighbours is -c of the variance: what
-    they send is told by the same pixels. Errors of the disparities before, those of the `first` so many times as
-    large, are smoothed as `_with_shared` smooths them, and come back through four neighbours, `back` times as large, in
-    each round.
-    """
-    from scipy import ndimage
-
-    def neighbours(values: Array, axis: int) -> Array:
-        return np.asarray(ndimage.correlate1d(values, [0.5, 0, 0.5], axis))
-
-    def noise() -> Array:
-        return rng.standard_normal(shape)
-
-    shape = min(shape[0], MOST_DRAWN), min(shape[1], MOST_DRAWN)
-    rng, squares = np.random.default_rng(0), np.zeros(2)
-    for _ in range(math.ceil(DRAWN / math.prod(shape))):
-        pulls = math.sqrt(1 - abs(c)) * noise()
-        for axis in (0, 1):
-            pulls += math.sqrt(abs(c) / 4) * ndimage.correlate1d(noise(), [1, -math.copysign(1, c)], axis)
-        drawn = ndimage.uniform_filter(pulls, window)
-        latest = drawn + math.sqrt(max(first**2 - 1, 0)) * ndimage.uniform_filter(noise(), window)
-        for _ in range(SETTLING):
-            assumed = straightened(ndimage.median_filter(latest, window), window, math.inf, 2)
-            near = (neighbours(assumed, 0) + neighbours(assumed, 1)) / 2
-            latest = drawn + back * ndimage.uniform_filter(near, window)
-        squares += (latest**2).sum(), (drawn**2).sum()
-    # Pulls alone have so much, as each neighbour but those beyond its rims is in the window.
-    return float(squares[0] / squares[1]) * (1 - c * (1 - 1 / window))
 
 
 def _aliased(

@@ -36,9 +36,11 @@ from .unmixing import (
 from .warping import fill_holes
 
 WAVES = 13
-"""Waves along a side of the grid that views are compared by, two more for each pitch but one that any looks aside."""
+"""Waves along a side of the grid that views are compared by, two more for each pitch but one that any looks aside, and
+of views that share light for each pitch but one of disparity: turned by neighbours' light, the finest turn faster."""
 DISPARITIES, MOST_DISPARITIES = 0.5, 12
-"""Steps of disparity between which places are interpolated [pitches], and how many of them at most."""
+"""Steps of disparity between which places are interpolated [pitches], half as large of views that share light, and how
+many of them at most."""
 FADING, DARK_WAVE, MOST_GAIN, FAINT_WAVE = 0.8, 0.1, 3.0, (0.2, 0.5)
 """Filters of views: share of the finest detail that the array shows from which on they fade out; share of a wave that
 views must show; by how much they change it at most; and what a view shows of it, against all, from and up to which they
@@ -47,8 +49,6 @@ MOST_FILTERS = 300_000
 """Filters, of samples at places of the field and disparities, at most."""
 MOST_PLACES = 50_000_000
 """Samples up to which each has a place of its own."""
-AMPLITUDES = 4
-"""Rounds in which what the picture shows of each wave settles."""
 UNUSED = 1e12
 """Square of the distance at which nodes count where a view is not used [microlenses^2]."""
 FOCUSED = 1.0
@@ -88,16 +88,20 @@ class PhasedViews:
             Whether views are those of `with_shared`, and disparities were found in phase.
         """
         low, high = (float(np.quantile(disparity, part)) for part in (0.01, 0.99))
-        step = max(DISPARITIES, (high - low) / MOST_DISPARITIES)
-        step = DISPARITIES * math.ceil(step / DISPARITIES - 1e-9)
+        least_step = DISPARITIES / (1 + shared)
+        step = least_step * math.ceil(max(1.0, (high - low) / MOST_DISPARITIES / least_step) - 1e-9)
         counted = range(math.floor(low / step) - 1, math.ceil(high / step) + 2)
         samples = len(counted) * self.light.parts[2].light[0, 0].size
         most = min(COARSE, max(2, int(math.sqrt(MOST_FILTERS / samples))))
         aside = np.zeros_like(views.pupil) if views.aside is None else views.aside
         far = float(np.abs(aside if aside.ndim == 3 else np.where(views.field.weight > 0, aside, 0)).max())
+        far = max(far, max(-low, high) * shared)
         side = WAVES + 2 * max(0, round(far) - 1)
-        # What noise makes of the range of disparities asks for no other nodes.
-        alike = (key for key in self._phases if key[1:] == (side, shared) and abs(key[0] - most) <= 1)
+        # What noise makes of the range of disparities asks for no other nodes and waves.
+        alike = (
+            key for key in self._phases
+            if key[2] == shared and abs(key[0] - most) <= 1 and abs(key[1] - side) <= 2 * shared
+        )  # fmt: skip
         key = next(alike, (most, side, shared))
         if key not in self._phases:
             self._phases[key] = _Phases.of(self.light, *key)
@@ -283,8 +287,7 @@ class _FreedWaves(NamedTuple):
             if self.shared:  # neighbours send as much of a wave as the picture shows
                 alone = own.swapaxes(1, 2) * to_middle
                 sent = alone - shown
-                for _ in range(AMPLITUDES - 1):
-                    shown = alone - _strength(shown) * sent
+                shown = alone - _settled(alone, sent) * sent
             yield shown
 
 
@@ -344,6 +347,20 @@ def _strength(shown: NDArray[np.complex128]) -> NDArray[np.float64]:
     """Rms of waves, shape (W, view, node), over the views that show them."""
     size = np.abs(shown)
     return np.asarray(np.sqrt((size**2).sum(1, keepdims=True) / np.maximum((size > 0).sum(1, keepdims=True), 1)))
+
+
+def _settled(alone: NDArray[np.complex128], sent: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Strength x of waves, shape (W, view, node), in a picture that shows what is left once x `sent` is taken off.
+
+    As `_strength` has it: x^2 = <|alone - x sent|^2>.
+    """
+    some = np.maximum((np.abs(alone) > 0).sum(1, keepdims=True), 1)
+    own, both, other = (
+        (one * two.conj()).real.sum(1, keepdims=True) / some
+        for one, two in ((alone, alone), (alone, sent), (sent, sent))
+    )
+    root = np.sqrt(np.maximum(both**2 + own * (1 - other), 0))
+    return np.asarray(own / np.maximum(both + root, 1e-12))
 
 
 def _filtered(

@@ -12,6 +12,8 @@ from roslf_design.depth import geometry
 from roslf_design.depth import measure as measuring
 from roslf_design.depth.estimate import PixelNoise, estimate_disparity
 from roslf_design.depth.measure import measure, simulate
+from roslf_design.depth.phases import _settled as settled
+from roslf_design.depth.phases import _strength as strength_of
 from roslf_design.depth.pictures import PictureOptions, region_about
 from roslf_design.depth.unmixing import _as_they_stand as as_they_stand
 from roslf_design.design import Design
@@ -130,14 +132,40 @@ def test_light_that_microlenses_share_tells_disparities_too():
     design, texture = paper.replace(D_F=1.3 * paper.D_F), Texture.of(3, 0.2, finest=0.4)
     field = pictured(Camera.of(design), texture, disparity)
     _, before = found(design, field, disparity, True)
-    search, noise = (disparity - 0.7, disparity + 0.7), PixelNoise(13000.0, 2.5)
-    inner = measure(geometry.ArrayGeometry(design), field, noise, search=search).within(np.s_[4:-4], np.s_[4:-4])
-    known = inner.disparities.measured
-    off, told = (part[known] for part in (inner.disparities.disparity - disparity, inner.disparities.sigma))
-    assert known.mean() > 0.9
+    off, told = by_shared_light(design, field, disparity)
     assert told.mean() < 0.8 * before.mean()
     assert abs(off.mean()) < told.mean() / 3
     assert off.std() < told.mean()
+
+
+def by_shared_light(design, field, disparity):
+    """Errors of the disparities of the inner microlenses as a measurement has them, and those told."""
+    search, noise = (disparity - 0.7, disparity + 0.7), PixelNoise(13000.0, 2.5)
+    inner = measure(geometry.ArrayGeometry(design), field, noise, search=search).within(np.s_[4:-4], np.s_[4:-4])
+    known = inner.disparities.measured
+    assert known.mean() > 0.9
+    return inner.disparities.disparity[known] - disparity, inner.disparities.sigma[known]
+
+
+def test_light_that_microlenses_share_settles():
+    """Where images are 1.5 pitches wide disparities would go to and fro by more than the errors told."""
+    disparity, paper = 0.2, roslf.load("paper")
+    design, texture = paper.replace(D_F=1.5 * paper.D_F), Texture.of(3, 0.2, finest=0.4)
+    off, told = by_shared_light(design, pictured(Camera.of(design), texture, disparity), disparity)
+    assert abs(off.mean()) < told.mean() / 4
+    assert off.std() < told.mean() / 2
+
+
+def test_waves_are_as_strong_in_a_picture_as_once_it_has_settled():
+    """Sent light taken off as strong as the picture shows waves, which then shows them anew, half of each round."""
+    rng = np.random.default_rng(1)
+    alone, sent = rng.standard_normal((2, 40, 30, 3, 2)) @ np.array([1, 1j])
+    alone, sent = 1.0 + 0.2 * alone, 0.3 * sent
+    alone[:, :4], sent[:, :4] = 0.0, 0.0  # views that are not used
+    strength = np.ones((40, 1, 3))
+    for _ in range(80):
+        strength += (strength_of(alone - strength * sent) - strength) / 2
+    np.testing.assert_allclose(settled(alone, sent), strength, rtol=1e-6)
 
 
 def test_views_in_focus_are_left_as_they_are():

@@ -10,7 +10,7 @@ from scipy import ndimage
 import roslf_design as roslf
 from roslf_design.calibration.decoding import LightField, _HexagonalRows, left_by_rows, squared
 from roslf_design.camera import Camera
-from roslf_design.depth.measure import SETTLING, _shared_noise
+from roslf_design.depth.crosstalk import _shared_noise
 from roslf_design.depth.unmixing import FREQUENCIES, LEAST, TURNS, PreparedViews, ViewLight, _shown, returned
 from roslf_design.theory.exit_pupil import microlens_image_pitch
 from roslf_design.theory.image_parts import image_parts, waves_shown
@@ -20,7 +20,7 @@ from tests.depth.made import Texture
 WINDOW = 5
 
 
-def by_waves(c, back, first):
+def by_waves(c, back):
     """Variance of disparities over a wide field, by the spectra of their errors; the median taken for the mean."""
     k = np.fft.fftfreq(128)
     lines = np.sinc(WINDOW * k) / np.sinc(k)
@@ -29,16 +29,15 @@ def by_waves(c, back, first):
     mean, near = np.multiply.outer(lines, lines), np.add.outer(np.cos(2 * math.pi * k), np.cos(2 * math.pi * k)) / 2
     smoothed = mean * (1 + 2 * np.add.outer(bends, bends) * np.multiply.outer(wide, wide))
     times = back * near * mean * smoothed
-    square = sum(times**number for number in range(SETTLING + 1)) ** 2 * (1 - c * near)
-    square += (first**2 - 1) * times ** (2 * SETTLING)
+    square = (1 - c * near) / (1 - times) ** 2
     return (mean**2 * square).mean() / (mean**2).mean()
 
 
 @pytest.mark.parametrize(("c", "back"), [(-0.6, -0.5), (-0.2, 0.0), (0.0, 0.2), (0.2, 0.2), (0.4, 0.6)])
 def test_noise_of_shared_pixels_is_that_of_their_spectrum(c, back):
-    """Pixels that two microlenses share pull both; errors come back in each round, smoothed and straightened."""
-    drawn = _shared_noise(c, back, 1.7, WINDOW, (100, 100))
-    assert drawn == pytest.approx(by_waves(c, back, 1.7), rel=0.1)
+    """Pixels that two microlenses share pull both; errors come back until they settle, smoothed and straightened."""
+    drawn = _shared_noise(c, back, WINDOW, (100, 100))
+    assert drawn == pytest.approx(by_waves(c, back), rel=0.1)
 
 
 @pytest.mark.parametrize("disparity", [0.4, -0.4])

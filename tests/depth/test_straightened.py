@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from roslf_design.depth.estimate import PixelNoise, estimate_disparity, straightened
+from roslf_design.depth.bends import straightened
+from roslf_design.depth.estimate import PixelNoise, estimate_disparity
 from roslf_design.depth.geometry import ArrayGeometry
 from roslf_design.depth.measure import measure
 from roslf_design.depth.unmixing import PreparedViews
@@ -22,6 +23,18 @@ def test_means_of_windows_of_a_bent_surface_are_given_back_and_steps_left():
     assert np.abs(once - surface)[middle].min() > 0.007  # (25 - 1)/12 of 0.004
     for mean, times in ((once, 1), (twice, 2)):
         np.testing.assert_allclose(straightened(mean, 5, 1e-3, times)[middle], surface[middle], atol=2e-3)
+
+
+def test_beside_the_dark_surfaces_bend_as_they_do_farther_in():
+    """Microlenses without light have no disparity; searched, they had the lowest one, and lay beyond a step."""
+    v, u = np.mgrid[:31, :31] - 15.0
+    surface = 0.25 - 0.003 * u**2 - 0.001 * v**2 + 0.02 * u
+    mean = ndimage.uniform_filter(np.pad(surface, 10, mode="reflect", reflect_type="odd"), 5)[10:-10, 10:-10]
+    told = straightened(np.where(u > 5, np.nan, mean), 5, 1e-3)
+    lit = np.s_[9:-9, 9:21]
+    assert np.abs(mean - surface)[lit].min() > 0.007
+    np.testing.assert_allclose(told[lit], surface[lit], atol=2e-3)
+    assert np.isnan(told[u > 5]).all()
 
 
 @pytest.mark.parametrize("height", [0.12, 0.5, 1.0])

@@ -1,0 +1,70 @@
+"""Bends of surfaces: what windows that mean a bent one take off its disparities, and give back."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from .occlusion import beside_steps
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+_TURNS = 6.0
+"""Standard errors of disparities that differences of second order exceed both ways about a step; by chance they do at
+one place in 1400."""
+
+
+def bent_off(disparity: Array, window: int) -> Array:
+    """Mean of each window of a bent surface less its middle; 0 where it cannot be told.
+
+    Of uniform windows of w samples: (w^2 - 1)/24 of the second derivatives, by differences over somewhat less than w.
+    """
+    lag, total = window // 2 + 2, np.zeros(disparity.shape)
+    for part, apart in ((disparity, total), (disparity.T, total.T)):
+        apart[lag:-lag] += part[2 * lag :] + part[: -2 * lag] - 2 * part[lag:-lag]
+    return np.nan_to_num(total) * (window**2 - 1) / 24 / lag**2
+
+
+def straightened(disparity: Array, window: int, error: float, times: int = 1) -> Array:
+    """Disparities of a bent surface at the middles of windows that mean it, so many `times`; as they are beside steps.
+
+    Its bend is that of two windows' width, less noisy than each one's own, and near the field's rims and the dark,
+    where disparities are not numbers, the nearest. Where the field is large enough, windows that these crop or that
+    hold the outermost microlenses take no part: views of these look past the picture, and what they have of neighbours'
+    light is not all known. Windows that see both sides of a step, by the standard `error` of disparities, bend nothing.
+    """
+    lag, most = window // 2 + 2, (min(disparity.shape) - 1) // 2
+    if most < lag:
+        return disparity
+    rim, steps = min(lag + window // 2 + 1, most), beside_steps(disparity) | _turning(disparity, window, error)
+    stepped, mixed, dark = (
+        ndimage.maximum_filter(part, 2 * reach + 1)
+        for part, reach in ((steps, lag), (steps, rim), (~np.isfinite(disparity), rim))
+    )
+    whole = np.pad(~dark[rim:-rim, rim:-rim], rim)
+    if not whole.any():
+        return disparity
+    bent = np.where(whole & ~mixed, bent_off(disparity, window), 0)
+    total, count = (
+        ndimage.uniform_filter(part.astype(float), 2 * window + 1, mode="constant") for part in (bent, whole)
+    )
+    known = count > 0.5 / (2 * window + 1) ** 2  # less is rounding
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    bend = (total / np.maximum(count, 1e-12))[tuple(nearest)]
+    return disparity - np.where(stepped, 0, times * bend)
+
+
+def _turning(disparity: Array, window: int, error: float) -> Flags:
+    """True where a surface bends one way before and the other way beyond, as windows have it about any step.
+
+    Bends of a step that is lost in the standard error of disparities move these by a small part of one.
+    """
+    lag, half, turns = window // 2 + 2, window // 2, np.zeros(disparity.shape, np.bool_)
+    for part, there in ((disparity, turns), (disparity.T, turns.T)):
+        second = part[2 * lag :] + part[: -2 * lag] - 2 * part[lag:-lag]
+        before, beyond = second[: -2 * half], second[2 * half :]
+        opposed = np.maximum(np.minimum(before, -beyond), np.minimum(-before, beyond))
+        there[lag + half : lag + half + len(opposed)] |= opposed > _TURNS * error
+    return turns
