@@ -119,9 +119,11 @@ class TracedViews:
         over_pupil = np.linalg.pinv(_over_pupil(points.T).T)
         degree = _degree(int(good.sum()), FIELD_DEGREE)
         dark = np.ones((len(y), len(x)), np.bool_)
-        coefficients = np.zeros((2, 2, len(over_pupil), *dark.shape))
+        coefficients = np.zeros((2, 2, 2, len(over_pupil), *dark.shape))
         if degree >= 0:
-            table = np.einsum("kp,lnpc->lckn", over_pupil, looks[:, good])
+            # Of what middles see, and of what each itself does: its light, from all over a sample, is a mean of that.
+            middles = np.einsum("kp,lnpc->lckn", over_pupil, looks[:, good])
+            table = np.stack([middles, np.moveaxis(self._polynomials(places)[0][:2, good], 1, -1).swapaxes(1, 2)])
             coefficients = Polynomials.fitted(*_box(x, y), degree, places[good].T, table).on_grid(x, y)
             column, row = (np.abs(at - axis[:, None]).argmin(1) for at, axis in ((along, x), (down, y)))
             dark = ~good.reshape(NODES, NODES)[np.ix_(row, column)]
@@ -129,16 +131,19 @@ class TracedViews:
         powers = self._powers(field, np.stack(np.meshgrid(x[columns], y[rows]), -1).reshape(-1, 2))
         if powers is None:
             spread = self._spread(field, image[good].mean(0) if good.any() else np.eye(2))
-            seen = _over_views(coefficients.astype(np.float32), np.asarray(pupil, np.float32), spread)
+            middles, itself = coefficients.astype(np.float32)
+            seen = _over_views(middles, itself, np.asarray(pupil, np.float32), spread)
         else:
             seen = np.zeros((2, 2, len(field.t), len(field.s), *dark.shape), np.float32)
-            coefficients = coefficients.astype(np.float32)
+            middles, itself = coefficients.astype(np.float32)
             over_view = NodeMap.of(rows, columns, dark.shape, dark.shape)
             for t, some in enumerate(np.moveaxis(powers, 2, 0)):
                 here, *farther = over_view(some)
                 for _ in range(2):  # what is seen from other microlenses is seen by images cut as there
                     moved = here + sum(far * by for far, by in zip(farther, seen[1, :, t], strict=True))
-                    np.einsum("ksvu,nckvu->ncsvu", moved, coefficients, out=seen[:, :, t])
+                    mean = products(moved[PUPIL_DEGREE + 1], moved[1], PUPIL_DEGREE)
+                    np.einsum("ksvu,nckvu->ncsvu", mean, middles, out=seen[:, :, t])
+                    seen[:, :, t] += np.einsum("ksvu,nckvu->ncsvu", moved - mean, itself)
         seen[0][..., dark], seen[1][..., dark] = np.nan, 0.0
         return seen[0], seen[1]
 
@@ -586,13 +591,16 @@ def _over_pupil(at: NDArray[Any]) -> NDArray[Any]:
 
 
 def _over_views(
-    coefficients: NDArray[np.float32], pupil: NDArray[np.float32], spread: NDArray[np.float32]
+    middles: NDArray[np.float32], itself: NDArray[np.float32], pupil: NDArray[np.float32], spread: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Polynomials over the pupil, shape (n, 2, terms, v, u), at views, shape (n, 2, t, s, v, u)."""
+    """Polynomials over the pupil, shape (n, 2, terms, v, u), at views, shape (n, 2, t, s, v, u).
+
+    Those of what middles see at mean places, and of what each microlens does over the `spread` of its light about them.
+    """
+    out = np.moveaxis(np.tensordot(itself, spread, (2, 0)), (2, 3), (-2, -1))
     if pupil.ndim == 3:
-        return np.moveaxis(np.tensordot(coefficients, _over_pupil(pupil) + spread, (2, 0)), (2, 3), (-2, -1))
-    out = np.empty((*coefficients.shape[:2], *pupil.shape[1:]), np.float32)
+        return out + np.moveaxis(np.tensordot(middles, _over_pupil(pupil), (2, 0)), (2, 3), (-2, -1))
+    out = np.ascontiguousarray(out)
     for t in range(pupil.shape[1]):  # all at once would not stay near the processor
-        powers = _over_pupil(pupil[:, t]) + spread[:, t, :, None, None]
-        np.einsum("ksvu,nckvu->ncsvu", powers, coefficients, out=out[:, :, t])
+        out[:, :, t] += np.einsum("ksvu,nckvu->ncsvu", _over_pupil(pupil[:, t]), middles)
     return out

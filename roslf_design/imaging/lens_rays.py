@@ -5,8 +5,11 @@ and only there the sensor is sampled. A sample on the rim of an image counts by 
 are needed for smooth edges.
 
 Radiance is the same all along a ray, so a pixel's light is what its rays towards the microlens meet, times cos^4 of
-their angle behind the array. The cos^4 in front of the lens, which an ideal lens has to be given, is already there: a
-traced lens makes the microlens images larger or smaller by what it costs in etendue.
+the angle of that through its middle: a microlens that images the pupil sharply, by Abbe's sine condition, spreads the
+light of each of its points evenly over itself. Rays of a flat lens, each with its own cos^4, would come more from the
+side of the microlens that the pixel lies on, and views look to there. The cos^4 in front of the lens, which an ideal
+lens has to be given, is already there: a traced lens makes the microlens images larger or smaller by what it costs in
+etendue.
 """
 
 from __future__ import annotations
@@ -226,8 +229,9 @@ class _RealLensTracer:
             slopes = np.abs(np.gradient(room, axis=1)) + np.abs(np.gradient(room, axis=2))
             weight = np.clip(room / (slopes + 1e-300) + 0.5, 0.0, 1.0)
         light = weight * (self.level if self.surfaces is None else self._met(self.surfaces, rays, weight))
-        if self.falloff:
-            light = light / np.square(1 + leg_x**2 + leg_y**2).reshape(shape)
+        if self.falloff:  # by the microlens's middle: one without faults fills evenly with light of any point
+            off_x, off_y = ((at - c[:, k, None]) / self.camera.seen.d_2 for k, at in enumerate((x, y)))
+            light = light / np.square(1 + off_x**2 + off_y**2).reshape(shape)
         return np.asarray(light)
 
     def _met(self, surfaces: Surfaces, rays: _ObjectRays, weight: Floats) -> Floats:
