@@ -45,6 +45,11 @@ WIDE = '"prefer-vector-width"="512"'
 prange = range
 """In a kernel: `range` when interpreted, `numba.prange` when compiled."""
 
+
+def soon_written(array: Any, index: int) -> None:
+    """In a kernel that is compiled: fetch the line of the cache to write to, while other things are computed."""
+
+
 _COMPILING = threading.RLock()
 
 
@@ -209,6 +214,8 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
                 names[name] = value.compiled
             elif value is prange and kernel.parallel:
                 names[name] = numba.prange
+            elif value is soon_written:
+                names[name] = _fetch_to_write()
 
     folder = _cache_folder(twin)
     alone = contextlib.nullcontext if folder is None else partial(_alone, folder / f"{twin.__qualname__}.lock")
@@ -256,6 +263,24 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
     compiled.compile = compile_once
     fast: Callable[P, R] = compiled
     return fast
+
+
+@cache
+def _fetch_to_write() -> Any:
+    """`soon_written` in the words of LLVM; neither Python nor numba has one for it."""
+    ir, cgutils, types, extending = map(
+        importlib.import_module, ("llvmlite.ir", "numba.core.cgutils", "numba.core.types", "numba.extending")
+    )
+
+    def write(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array, word = context.make_array(signature.args[0])(context, builder, arguments[0]), ir.IntType(32)
+        place = builder.bitcast(builder.gep(array.data, [arguments[1]]), cgutils.voidptr_t)
+        kind = ir.FunctionType(ir.VoidType(), [place.type, word, word, word])
+        fetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        builder.call(fetch, [place, word(1), word(3), word(1)])  # to write; to the nearest cache; data
+        return context.get_dummy_value()
+
+    return extending.intrinsic(lambda typing, array, index: (types.void(array, index), write))
 
 
 def _without_alias(flags: Any) -> Any:

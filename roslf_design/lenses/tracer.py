@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._jit import kernel
+from .._jit import kernel, soon_written
 from ..fates import FATES, RayFate
 from .angles import LAW_COLUMNS, first_order, stretch
 
@@ -25,7 +25,9 @@ Array = NDArray[np.float64]
 Pair = tuple[ArrayLike, ArrayLike] | Array
 
 BLOCK = 256
-"""Rays in a block; eight rows of them are 16 kB."""
+"""Most rays in a block; eight rows of them are 16 kB."""
+PART, LINE = 64, 8
+"""Rays that are traced between two visits to the memory, which works meanwhile, and numbers in a line of the cache."""
 ROWS = 8
 """Rows of a block: position, direction, state, and room to work."""
 
@@ -134,13 +136,16 @@ class SurfaceStack(NamedTuple):
         if builds > 1 and shape[:1] != (builds,):
             raise ValueError(f"rays through {builds} builds need them as their first axis, got {shape}")
         total = math.prod(shape)
-        out, state, room = np.empty((4, *shape)), np.empty(shape, np.int16), np.empty(shape)
+        out, room, state = _room(4 * total).reshape(4, *shape), _room(total).reshape(shape), np.empty(shape, np.int16)
         planes = np.array(np.broadcast_to(np.asarray(end, float), (builds,)))
         # Writable, as a kernel is compiled once more for arrays that are not.
-        spread = (np.broadcast_to(part, shape) if 1 < part.size < total else part for part in lines)
+        few = (min(PART, total),)
+        spread = (
+            part if part.size == total else np.broadcast_to(part, shape if part.size > 1 else few) for part in lines
+        )
         given = (np.require(part, requirements=["C", "W"]) for part in (self.table, self.media, *spread))
-        work = planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
-        arrays: list[Any] = [part.reshape(-1) for part in (*given, *work, out, state, room)]
+        work = planes, _room(ROWS * BLOCK), _room(count * BLOCK)
+        arrays: list[Any] = [part.reshape(-1) for part in (*given, *work, *out.reshape(4, total), room, state)]
         has_law = self.table.shape[1] > count * COLUMNS  # whose sines numpy and the compiler take a bit apart
         if has_law or _trace_slopes.pays(self.seconds * total):
             _trace_slopes.compiled(total // builds, builds, count, backward, clip, *arrays)
@@ -151,11 +156,11 @@ class SurfaceStack(NamedTuple):
         return Passed(out[:2], out[2:], state, room)
 
 
-@kernel()
-def _copy(source: Any, target: Any, m: int) -> None:
-    """Copy `m` numbers; slices as arguments, because only then does the compiler know that no index is negative."""
-    for i in range(m):
-        target[i] = source[i]
+def _room(count: int) -> Array:
+    """Room for so many numbers from where a line of the cache begins: a vector of them lies in one."""
+    room = np.empty(count + LINE - 1)
+    start = -(room.ctypes.data // room.itemsize) % LINE
+    return room[start : start + count]
 
 
 @kernel()
@@ -220,6 +225,20 @@ def _meet_sphere(
         nz = 1.0 - c * hz
         hit = met and nz >= 0
         _refract(buffer, squares, i, vx, vy, vz, hx, hy, hz, -c * hx, -c * hy, nz, root, hit, limit, mu, s, code)
+
+
+@kernel()
+def _meet_plane(
+    buffer: Any, squares: Any, m: int, table: Any, first: int, limit: float, mu: float, s: float, code: float
+) -> None:
+    """Refract a block at a plane: as a sphere without curvature, with one root less."""
+    vx, vy, vz = table[first], table[first + 1], table[first + 2]
+    for i in range(m):
+        dx, dy, dz = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
+        hit = dz * s > 0
+        step = (vz - buffer[2 * BLOCK + i]) / (dz if hit else 1.0)
+        hx, hy = buffer[i] - vx + step * dx, buffer[BLOCK + i] - vy + step * dy
+        _refract(buffer, squares, i, vx, vy, vz, hx, hy, 0.0, 0.0, 0.0, 1.0, dz * s, hit, limit, mu, s, code)
 
 
 @kernel()
@@ -701,7 +720,9 @@ def pass_surfaces(
         mine = squares[k * BLOCK : k * BLOCK + m]
         if turned:
             turn(buffer, m, table, first, True)
-        if kind == SPHERE:
+        if kind == SPHERE and table[first + 3] == 0.0:
+            _meet_plane(buffer, mine, m, table, first, limit, mu, s, code)
+        elif kind == SPHERE:
             _meet_sphere(buffer, mine, m, table, first, limit, mu, s, code)
         elif kind == CONIC:
             _meet_conic(buffer, mine, m, table, first, limit, mu, s, code)
@@ -721,55 +742,81 @@ def pass_surfaces(
             turn(buffer, m, table, first, False)
 
 
+@kernel(apart=True)
+def _enter(x_in: Any, y_in: Any, z_in: Any, slope_x: Any, slope_y: Any, buffer: Any, m: int, s: float) -> None:
+    """Take a block of rays in; slices as arguments, as only then the compiler knows that no index is negative."""
+    for i in range(m):
+        x, y, z, sx, sy = x_in[i], y_in[i], z_in[i], slope_x[i], slope_y[i]
+        good = (x - x) + (y - y) + (z - z) + (sx - sx) + (sy - sy) == 0  # else something is not finite
+        sx, sy = sx if good else 0.0, sy if good else 0.0
+        shrink = s / sqrt(1.0 + sx * sx + sy * sy)
+        buffer[i] = x if good else 0.0
+        buffer[BLOCK + i] = y if good else 0.0
+        buffer[2 * BLOCK + i] = z if good else 0.0
+        buffer[3 * BLOCK + i], buffer[4 * BLOCK + i] = sx * shrink, sy * shrink
+        buffer[5 * BLOCK + i], buffer[6 * BLOCK + i] = shrink, 0.0 if good else 1.0 * INVALID
+
+
+@kernel(apart=True)
+def _narrow(squares: Any, margin: Any, m: int, limit: float) -> None:
+    """Take a surface's margin where it is the least so far."""
+    inverse = 1.0 / limit
+    for i in range(m):
+        margin[i] = min(margin[i], 1.0 - squares[i] * inverse)
+
+
+@kernel(apart=True)
+def _leave(
+    buffer: Any, m: int, end: float, s: float, x_out: Any, y_out: Any, slope_x: Any, slope_y: Any, room: Any,
+    state: Any,
+) -> None:  # fmt: skip
+    """Give a block of rays out where they cross a plane."""
+    for i in range(m):
+        dz, fate = buffer[5 * BLOCK + i], buffer[6 * BLOCK + i]
+        alive, meets = fate == 0.0, dz * s > 0
+        kept = alive and meets
+        shrink = 1.0 / (dz if meets else 1.0)
+        sx, sy = buffer[3 * BLOCK + i] * shrink, buffer[4 * BLOCK + i] * shrink
+        reach = end - buffer[2 * BLOCK + i] if kept else 0.0
+        x_out[i], y_out[i] = buffer[i] + reach * sx, buffer[BLOCK + i] + reach * sy
+        slope_x[i], slope_y[i] = sx if kept else 0.0, sy if kept else 0.0
+        room[i] = min(buffer[7 * BLOCK + i], 1.0 if kept else -1.0)
+        state[i] = int(1.0 * NO_PLANE if alive and not meets else fate)
+
+
 @kernel()
 def _trace_slopes(
     each: int, builds: int, count: int, backward: bool, clip: bool, table: Any, media: Any, x_in: Any, y_in: Any,
-    z_in: Any, slope_x: Any, slope_y: Any, plane: Any, buffer: Any, squares: Any, out: Any, state: Any, room: Any,
+    z_in: Any, slope_x: Any, slope_y: Any, plane: Any, buffer: Any, squares: Any, x_out: Any, y_out: Any, sx_out: Any,
+    sy_out: Any, room: Any, state: Any,
 ) -> None:  # fmt: skip
     """Trace `each` rays through each build of `count` surfaces: x, y, z, dx/dz, dy/dz to x, y, dx/dz, dy/dz on a plane.
 
-    All arrays are flat, one number of `x_in` to `slope_y` is that of all rays; `buffer` and `squares` are room to work.
+    All arrays are flat; where `x_in` to `slope_y` are shorter than all rays, one number stands for all. `buffer` and
+    `squares` are room to work.
     """
     n, wide, s = each * builds, len(table) // builds, -1.0 if backward else 1.0
+    margin = buffer[7 * BLOCK : 8 * BLOCK]
     for build in range(builds):
         lens = table[build * wide : (build + 1) * wide]
         index = media[build * (count + 1) : (build + 1) * (count + 1)]
-        for start in range(build * each, (build + 1) * each, BLOCK):
-            m = min(BLOCK, (build + 1) * each - start)
-            for row, line in enumerate((x_in, y_in, z_in, slope_x, slope_y)):
-                part = buffer[row * BLOCK : row * BLOCK + m]
-                if len(line) == n:
-                    _copy(line[start : start + m], part, m)
-                else:
-                    for i in range(m):
-                        part[i] = line[0]
-            for i in range(m):
-                x, y, z = buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i]
-                sx, sy = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i]
-                good = (x - x) + (y - y) + (z - z) + (sx - sx) + (sy - sy) == 0  # else something is not finite
-                sx, sy = sx if good else 0.0, sy if good else 0.0
-                shrink = s / sqrt(1.0 + sx * sx + sy * sy)
-                buffer[i] = x if good else 0.0
-                buffer[BLOCK + i] = y if good else 0.0
-                buffer[2 * BLOCK + i] = z if good else 0.0
-                buffer[3 * BLOCK + i], buffer[4 * BLOCK + i] = sx * shrink, sy * shrink
-                buffer[5 * BLOCK + i], buffer[6 * BLOCK + i] = shrink, 0.0 if good else 1.0 * INVALID
+        for start in range(build * each, (build + 1) * each, PART):
+            stop = min(start + PART, (build + 1) * each)
+            m = stop - start
+            a, b, c = start if len(x_in) == n else 0, start if len(y_in) == n else 0, start if len(z_in) == n else 0
+            d, e = start if len(slope_x) == n else 0, start if len(slope_y) == n else 0
+            _enter(
+                x_in[a : a + m], y_in[b : b + m], z_in[c : c + m], slope_x[d : d + m], slope_y[e : e + m], buffer, m, s
+            )  # fmt: skip
+            for i in range(start, stop, LINE):
+                for line in (x_out, y_out, sx_out, sy_out, room):
+                    soon_written(line, i)
             pass_surfaces(buffer, m, lens, index, count, backward, clip, squares)
-            states, rooms, end = state[start : start + m], room[start : start + m], plane[build]
             for i in range(m):
-                dz = buffer[5 * BLOCK + i]
-                alive, meets = buffer[6 * BLOCK + i] == 0.0, dz * s > 0
-                kept = alive and meets
-                shrink = 1.0 / (dz if meets else 1.0)
-                sx, sy = buffer[3 * BLOCK + i] * shrink, buffer[4 * BLOCK + i] * shrink
-                reach = end - buffer[2 * BLOCK + i] if kept else 0.0
-                buffer[i], buffer[BLOCK + i] = buffer[i] + reach * sx, buffer[BLOCK + i] + reach * sy
-                buffer[2 * BLOCK + i], buffer[3 * BLOCK + i] = sx if kept else 0.0, sy if kept else 0.0
-                fate = 1.0 * NO_PLANE if alive and not meets else buffer[6 * BLOCK + i]
-                states[i], rooms[i] = int(fate), 1.0 if kept else -1.0
+                margin[i] = 1.0
             for k in range(count):
-                inverse, mine = 1.0 / lens[k * COLUMNS + 5], squares[k * BLOCK : k * BLOCK + m]
-                for i in range(m):
-                    rooms[i] = min(rooms[i], 1.0 - mine[i] * inverse)
-            for row in range(4):
-                _copy(buffer[row * BLOCK : row * BLOCK + m], out[row * n + start : row * n + start + m], m)
+                _narrow(squares[k * BLOCK : k * BLOCK + m], margin, m, lens[k * COLUMNS + 5])
+            _leave(
+                buffer, m, plane[build], s, x_out[start:stop], y_out[start:stop], sx_out[start:stop],
+                sy_out[start:stop], room[start:stop], state[start:stop],
+            )  # fmt: skip

@@ -199,8 +199,9 @@ def test_plane_is_the_limit_of_a_sphere():
         np.testing.assert_allclose(near.position, plane.position, rtol=0, atol=allowed)
 
 
-def test_interpreted_and_compiled_kernels_give_the_same_bits(monkeypatch):
-    lens = lens_named("asphere")
+@pytest.mark.parametrize("name", ["asphere", "la1050-a"])
+def test_interpreted_and_compiled_kernels_give_the_same_bits(name, monkeypatch):
+    lens = lens_named(name)
     position, direction = incoming(14.0, 150)
     position[0, 3], direction[1, 5] = np.nan, np.inf
     runs = []
