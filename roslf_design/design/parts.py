@@ -431,13 +431,13 @@ class Housing(Part):
     """Length from the tip [mm]; what lies farther back need not fit inside. None: everything must."""
 
     @property
-    def bore(self) -> float:
+    def room(self) -> float:
         """Diameter of the room inside [mm]."""
         return self.outer_diameter - 2 * (self.wall + (self.light_guide or 0.0))
 
     @model_validator(mode="after")
     def _hollow(self) -> Housing:
-        if self.bore <= 0:
+        if self.room <= 0:
             what = "the wall is" if self.light_guide is None else "wall and light_guide are"
             raise ValueError(f"{what} half the outer diameter or more, which leaves no room; make it thinner")
         return self

@@ -117,8 +117,9 @@ class FirstAnswer:
     """Ways to even that, each with what it brings, in words; empty where it is even."""
     outer_diameter_mm: float
     """Tube that the design states, wider where parts and walls need it; else the narrowest about the optics."""
+    outer_diameter_about: str
     outer_diameter_counts: str
-    """Walls that it counts, and the tube as stated, in words."""
+    """Which tube it is of, and the walls that it counts, as `tube.Walls` has them."""
     corner_lp_per_mm: float | None
     """Finest detail in the corner at the focal plane, refocused; None where it is dark, or pixels are no views."""
     at: tuple[_AtDistance, ...]
@@ -187,7 +188,7 @@ class FirstAnswer:
             float(np.broadcast_to(images.level, (len(points), 1))[farthest, 0]),
             _evened_by(shown, farthest),
             float(QUANTITIES["outer_diameter_mm"](camera)),
-            tube.walls(camera),
+            *tube.walls(camera),
             outer,
             tuple(planes),
         )
@@ -218,8 +219,7 @@ class FirstAnswer:
         more = "; the lens draws the scene smaller there" if self.corner_light > SMALLER else ""
         rows.append(("light in the corner", light, f"of that in the middle of the field{more}"))
         outer = f"{number(self.outer_diameter_mm, 4)} mm"
-        about = "narrowest tube about the optics," if self.outer_diameter_counts.startswith("without") else "tube"
-        rows.append(("outer diameter", outer, f"{about} {self.outer_diameter_counts}"))
+        rows.append(("outer diameter", outer, f"{self.outer_diameter_about} {self.outer_diameter_counts}"))
         return tuple(rows)
 
     @property

@@ -34,6 +34,7 @@ from ..theory.depth_budget import NOISE
 from ..theory.quantities import QUANTITIES
 from ..words import listed, percent, the, to_html
 from .optimise_run import OptimiseResult
+from .runs import KINDS
 from .state import (
     BY_SYMBOL,
     FIELDS,
@@ -203,6 +204,12 @@ DRAWINGS = {
 others stand where it has the cards of their view or kind of run."""
 
 
+def ahead(kind: str) -> str:
+    """Words on a run that has not ended: what it does, how long that takes, and what will be drawn of it."""
+    drawn = "; ".join(f"{one.label[0].lower()}{one.label[1:]}" for one in DRAWINGS.values() if one.run == kind)
+    return f"{KINDS[kind].does} It goes on in the background while you work in other views. What you will see: {drawn}."
+
+
 def with_cards(template: str) -> str:
     """Template of the page with the cards of each view and kind of run where it says so, one for each drawing."""
 
@@ -351,7 +358,7 @@ def lights(evaluation: Evaluation) -> list[dict[str, str]]:
     required = [one.verdict for one in evaluation.required]
     others = [verdict for verdict in evaluation.verdicts if verdict not in required]
     asked = [_asked(evaluation.required)] if required else []
-    told = [_light([verdict], **_named(evaluation, verdict.name)) for verdict in others]
+    told = [_light([verdict], **_named(evaluation, verdict)) for verdict in others]
     first = next((k for k, verdict in enumerate(evaluation.verdicts) if verdict in required), 0)
     return [*told[:first], *asked, *told[first:]]
 
@@ -386,14 +393,15 @@ def _asked(required: Sequence[Requirement]) -> dict[str, str]:
     return _light([one.verdict for one in required], title="required", margin=margin, name="required")
 
 
-def _named(evaluation: Evaluation, name: str) -> dict[str, str]:
+def _named(evaluation: Evaluation, verdict: Verdict) -> dict[str, str]:
     """Title and margin of one of the verdicts that every camera has."""
-    return {"title": TITLES.get(name, name.replace("_", " ")), "margin": _margin(evaluation, name)}
+    title = TITLES.get(verdict.name, verdict.name.replace("_", " "))
+    return {"title": title, "margin": _margin(evaluation, verdict)}
 
 
-def _margin(evaluation: Evaluation, name: str) -> str:
+def _margin(evaluation: Evaluation, verdict: Verdict) -> str:
     """How far a verdict is from its limit, in at most 14 letters."""
-    lens = evaluation.real_lens
+    lens, name = evaluation.real_lens, verdict.name
     if name == "f_number_matched":
         return f"{_signed(evaluation.f_number.mismatch_px)} px"
     if name == "field_undistorted" and lens is not None:
@@ -405,7 +413,7 @@ def _margin(evaluation: Evaluation, name: str) -> str:
         apart, across = sampling.views_independent, f"{short(sampling.views_geometric, 2)} px"
         return f"all {across}" if apart >= sampling.views_geometric else f"{short(apart, 2)} in {across}"
     if name == "fits_tube":
-        word = "needs" if "too narrow" in evaluation.answer.outer_diameter_counts else "fits"
+        word = "needs" if verdict.level == "fault" else "fits"
         return f"{word} {short(evaluation.answer.outer_diameter_mm, 3)} mm"
     if name == "pupil_imaged":
         return "focused (2.0)"
@@ -418,7 +426,7 @@ def _margin(evaluation: Evaluation, name: str) -> str:
     if name == "lens_speed":
         return f"f/{short(evaluation.f_number.main_lens, 3)}"
     if name == "microlens_speed":
-        return next(verdict.text for verdict in evaluation.verdicts if verdict.name == name).split()[2]
+        return verdict.text.split()[2]
     if lens is None:
         return ""
     shifts = [math.hypot(*field.shift_px) for field in lens.fields if field.shift_px is not None]
@@ -462,7 +470,7 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
     if not alike.all():
         ends = curve.place[~alike][0]
         causes, remedy = _falls(source.evaluation)
-        text += f" The bound holds out to {short(ends, 3)} of {short(last, 3)} mm on the array; beyond {causes}"
+        text += f" The bound holds out to {short(ends, 3)} of {short(last, 3)} mm on the array; beyond, {causes}"
         unknown = not math.isfinite(curve.sigma[-1])
         text += ", to nothing at the corner." if unknown else f", to {short(curve.sigma[-1], 3)} mm at the corner."
         tone = "caution"

@@ -359,9 +359,9 @@ class _WindowPart(_Round):
             lacks.append(f"of {self.material.name}")
             apart += ANOTHER
         beyond = f"{length(self.diameter)} wide" if wider > 1 + SAME else ""
-        if design.tube is not None and self.diameter > (bore := design.tube.bore) * (1 + SAME):
-            lacks.append(f"{length(self.diameter)} wide in a tube of {length(bore)} inside")
-            apart += 2 * math.log(self.diameter / bore)
+        if design.tube is not None and self.diameter > (room := design.tube.room) * (1 + SAME):
+            lacks.append(f"{length(self.diameter)} wide in a tube of {length(room)} inside")
+            apart += 2 * math.log(self.diameter / room)
         return _Unlike((("thickness", self.thickness, element.length),), tuple(lacks), apart, beyond)
 
 

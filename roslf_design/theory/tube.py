@@ -94,17 +94,26 @@ def widest_fap(c: Camera) -> Array:
     return np.minimum(room(c), c.D)
 
 
-def walls(c: Camera) -> str:
-    """Walls that the outer diameter counts, in words, the tube as the design states it, and what is not counted."""
+class Walls(NamedTuple):
+    """Walls that an outer diameter counts."""
+
+    about: str
+    """Tube that it is of, in words: the design's, or the narrowest about the optics where that states none."""
+    counted: str
+    """Walls that it counts, the tube as the design states it, and what is not counted, in words."""
+
+
+def walls(c: Camera) -> Walls:
+    """Walls that the outer diameter counts."""
     if OUTER not in c.numbers:
-        return uncounted(c)
+        return Walls("narrowest tube about the optics,", uncounted(c))
     outer, wall, narrowest = float(c[OUTER]), float(shell(c)), float(np.max(_about(c)))
     walls = "walls with light guide" if GUIDE in c.numbers else "walls"
     parts = f"parts of {number(narrowest - 2 * wall, 4)} mm and {walls} of {number(wall, 4)} mm"
     counted = f"as stated: {parts}, clearance {number(outer - narrowest, 3, 1e-9)} mm"
     if outer < narrowest * (1 - 1e-9):
         counted = f"with its wall: {parts}; {number(outer, 4)} mm as stated is too narrow"
-    return "; ".join(filter(None, (counted, uncounted(c))))
+    return Walls("tube", "; ".join(filter(None, (counted, uncounted(c)))))
 
 
 def outer_diameters(c: Camera) -> Array:

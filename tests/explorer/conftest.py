@@ -65,7 +65,9 @@ def chromium():
         pytest.skip("no chromium on this machine (Debian: apt-get install chromium)")
     sync_api = pytest.importorskip("playwright.sync_api")
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
+        # With scroll bars, as a user has them: they take room from what they scroll.
+        shown = ["--hide-scrollbars"]
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS), ignore_default_args=shown)
         yield browser
         browser.close()
 

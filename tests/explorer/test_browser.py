@@ -49,6 +49,12 @@ def click(page, place):
     idle(page)
 
 
+def preset(page, name):
+    page.click("[data-testid=menu-open] summary")
+    page.select_option(".preset select", name)
+    idle(page)
+
+
 def write(page, symbol, text):
     number(page, symbol).fill(text)
     number(page, symbol).press("Enter")
@@ -187,7 +193,7 @@ def test_light_and_texture_move_what_depth_is_known_to(page):
 
 
 def test_a_preset_is_loaded_and_taken_back_and_a_real_lens_is_traced_after_a_pause(page):
-    page.select_option(".preset select", "paper-singlet")
+    preset(page, "paper-singlet")
     page.wait_for_selector("[data-testid=light-thin_lens_holds]", timeout=LONG)
     assert title(page) == load("paper-singlet").name
     assert page.locator("[data-testid=light-tracing]").count() == 0
@@ -231,8 +237,7 @@ def test_a_verdict_tells_its_reason_and_what_to_change_does_what_it_says(page):
     assert "cat's eye" in light.locator(".panel").inner_text()
     page.keyboard.press("Escape")
     assert not light.locator(".panel").is_visible()
-    page.select_option(".preset select", "mismatched-borescope")
-    idle(page)
+    preset(page, "mismatched-borescope")
     assert page.get_attribute("[data-testid=light-f_number_matched]", "data-level") == "fault"
     page.click("[data-testid=menu-fixes] summary")
     page.wait_for_function("() => !(document.querySelector('.fixes .panel button')?.innerText ?? '…').includes('…')")
@@ -410,8 +415,7 @@ def test_the_address_brings_everything_back_and_one_cut_off_is_told(page, open_p
 def test_two_tabs_do_not_disturb_each_other(page, open_page):
     two = open_page()
     write(page, "D_F", "3.25 mm")
-    two.select_option(".preset select", "rigid-scope")
-    idle(two)
+    preset(two, "rigid-scope")
     write(page, "d_3", "110 mm")
     assert value(page, "D_F") == 3.25
     assert title(page) == PAPER.name

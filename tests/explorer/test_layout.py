@@ -1,7 +1,7 @@
 """Every text of the explorer's page in full: none cut by what it lies in, none printed over another, none pale."""
 
 from roslf_design.design import dumps, load
-from tests.explorer.test_browser import click, idle
+from tests.explorer.test_browser import click, idle, preset
 
 FAULTS_OF_TEXTS = r"""
 () => {
@@ -119,10 +119,9 @@ def test_no_text_is_cut_or_overprinted(page):
     # The 3D drawing, in software here, takes longer than all else; its words stand without it.
     page.evaluate(WITHOUT_WEBGL)
     told = {}
-    for preset in PRESETS:
-        page.select_option(".preset select", preset)
-        idle(page)
-        if preset == "paper-singlet":
+    for name in PRESETS:
+        preset(page, name)
+        if name == "paper-singlet":
             page.wait_for_selector("[data-testid=light-thin_lens_holds]", timeout=60_000)
         for width, height in SIZES:
             page.set_viewport_size({"width": width, "height": height})
@@ -130,10 +129,10 @@ def test_no_text_is_cut_or_overprinted(page):
             for tab in TABS:
                 click(page, f"#tab-{tab}")
                 page.wait_for_timeout(120)  # until the page has told how much room its pictures have
-                told[preset, width, tab] = faults(page)
+                told[name, width, tab] = faults(page)
             for panel in page.locator(".verdicts details.menu").all():
                 panel.evaluate("(e) => { e.open = true; }")
-                told[preset, width, panel.get_attribute("data-testid")] = faults(page)
+                told[name, width, panel.get_attribute("data-testid")] = faults(page)
                 panel.evaluate("(e) => { e.open = false; }")
     assert {place: texts for place, texts in told.items() if texts} == {}
 

@@ -268,7 +268,7 @@ def test_where_depth_is_unknown_is_hatched_and_told(changes, text, remedy):
 def test_what_spoils_depth_towards_the_corner_is_what_falls_there(name, changes, cause, remedy):
     design = load(name).replace(changes)
     known = played(Session(design), ("look", "tab", "depth"))["depth_known"]
-    assert f"beyond {cause}" in known["text"]
+    assert f"beyond, {cause}" in known["text"]
     assert remedy in known["remedy"]
     # Where no stop cuts, shot noise grows as light falls: sigma goes with one over its root.
     result = evaluate(design)

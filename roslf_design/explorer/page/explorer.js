@@ -187,6 +187,7 @@
   function preset(event) {
     const name = event.target.value;
     event.target.value = "";
+    closeMenus();
     if (name) ask("load_path", name);
   }
 
@@ -356,6 +357,21 @@
   const Twin = {
     props: ["lens"],
     template: `<span v-if="lens" class="twin" :title="'For an ideal thin lens of the same focal length and diameter. ' + lens + ' itself is traced for the verdicts above, reports and tolerance runs.'">thin lens</span>`,
+  };
+
+  const Glance = {
+    props: ["rows", "lens"],
+    template: `
+<section class="card card-glance" aria-label="Numbers at a glance"><div class="card-head"><h2>Numbers at a glance <rx-twin :lens="lens"></rx-twin></h2></div>
+  <div class="found"><table><caption class="unseen">Numbers at a glance</caption><tbody><tr v-for="row in rows" :key="row.label"><td v-html="row.label"></td><td>{{ row.value }}</td></tr></tbody></table></div>
+</section>`,
+  };
+
+  // Before a run has ended: what it will show, how long it takes, and the design's own numbers.
+  const Ahead = {
+    props: ["run", "rows", "lens"],
+    template: `
+<div class="ahead"><p class="empty">{{ run.ahead }}</p><rx-glance v-if="rows" :rows="rows" :lens="lens"></rx-glance></div>`,
   };
 
   const Card = {
@@ -588,6 +604,8 @@
       app.component("rx-field", FieldView);
       app.component("rx-bore", Bore);
       app.component("rx-card", Card);
+      app.component("rx-glance", Glance);
+      app.component("rx-ahead", Ahead);
       app.component("rx-twin", Twin);
       app.component("rx-picture", Picture);
       app.component("rx-menu", Menu);

@@ -394,14 +394,6 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
     plane = _plane_of(thin, limits)
     across = Scale(float(plane.d_3[0]), float(plane.d_3[-1]) if limits is None else limits[0])
     up = Scale(0.0, float(plane.D_F[-1]))
-    per_px = (across.high - across.low) / (size[0] - 72)
-
-    def label(x: float, y: float, words: str, colour: str, away: float, dy: float) -> Text:
-        """Words on the right of a place, on its left or, where they fit on neither side, as far right as they do."""
-        at, wide, room = (x - across.low) / per_px, text_width(words, SMALL) + 2, size[0] - 72
-        start = next((s for s in (at + away, at - away - wide) if 0 <= s <= room - wide), max(room - wide, 0.0))
-        return Text(x, y, words, colour, SMALL, dx=start - at, dy=dy, halo=True)
-
     # No stop stands in glass.
     spans = [(at.near, at.far) for at in thin.in_bore if at.part.length]
     glass = [(near, min(far, across.high)) for near, far in spans if near < across.high]
@@ -419,22 +411,21 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
     marks += [
         Area([near, far, far, near], [0.0, 0.0, up.high, up.high], "grey", 0.9, hatch=True) for near, far in glass
     ]
+    dots = "grey", 1.2, "8 3 2 3"
     if telecentric <= across.high:
-        words = "telecentric: d_3 = f" if Camera.of(thin).chain.in_air else "telecentric"
-        marks.append(Line([telecentric, telecentric], [0.0, up.high], "grey", 1.2, "8 3 2 3"))
-        marks.append(label(telecentric, 0.0, words, "grey", 6.0, -8.0))
+        marks.append(Line([telecentric, telecentric], [0.0, up.high], *dots))
     # The design is drawn over the frame, as it may be dragged there.
     x, y = min(thin.d_3, across.high), min(thin.D_F, up.high)
-    words = f"d_3 = {short(thin.d_3)} mm, D_F = {short(thin.D_F)} mm"
-    marks.append(label(x, y, words, "ink", 14.0, 24.0 if y > 0.9 * up.high else -14.0))
     marks.append(Dots([x], [y], "vermillion", size=8, edge="ground", width=2.5, testid="design-point", cursor="move"))
+    telecentric_key = line_key(f"telecentric{': d_3 = f' * Camera.of(thin).chain.in_air}", *dots)
     nowhere = "" if (plane.margin >= 0).any() else ": nowhere"
     keys = [
         line_key("matched: images just touch, Eq. 7", "blue", 2.4),
         box_key("within ±1 px", "blue", 0.2),
         line_key("approximation, Eq. 8", "orange", 1.6, "7 4"),
         box_key(f"whole sensor undistorted, Eq. 6{nowhere}", "green", 0.16, "green"),
-        dot_key("this design", "vermillion", size=5),
+        dot_key(f"this design: d_3 = {short(thin.d_3)} mm, D_F = {short(thin.D_F)} mm", "vermillion", size=5),
+        *([telecentric_key] if telecentric <= across.high else []),
         *([box_key("glass stands there", "grey", 0.9, hatch=True)] if glass else []),
     ]
     panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "FAP distance d_3 [mm]", "FAP diameter D_F [mm]")
