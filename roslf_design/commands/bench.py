@@ -30,6 +30,7 @@ from .refused import refused
 from .report import date_of_making
 from .results import print_titled
 from .terminal import (
+    ELSEWHERE,
     DesignName,
     Json,
     Output,
@@ -104,7 +105,7 @@ def write(
 def _refuse_another(path: Path, text: str) -> None:
     """Refuse to write over a bench.toml that says something else: what was measured of the prints stands in it."""
     if path.is_file() and path.read_text(encoding="utf-8", errors="replace") != text:
-        raise refusal("output", f"{path} is of another bench, or was changed by hand; remove it or name another folder")
+        raise refusal("output", f"{path} is of another bench, or was changed by hand; {ELSEWHERE}")
 
 
 @bench.command(name="check")

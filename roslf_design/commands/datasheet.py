@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+from ..errors import refusal
 from ..reporting.printers import Paper, render_html, render_pdf
 from ..reporting.sheet.lines import NONE, SpreadSources, datasheet_csv, datasheet_json, datasheet_report
 from ..reporting.story import datasheet_of
 from .report import date_of_making, folder_name
 from .terminal import (
+    ELSEWHERE,
     Distances,
     OptionalOutput,
     check_options,
@@ -75,6 +77,8 @@ def datasheet(
     with status_and_bars("datasheet") as progress:
         grounds = datasheet_of(Path(design), seed, progress, calibration, distances)
         content = _written(grounds, kind, paper, revision, date)
+    if revision != NONE and target.exists() and target.read_bytes() != content:
+        raise refusal("output", f"{target} is there; a sheet with a revision is not written over; {ELSEWHERE}")
     write_files(target.parent, {target.name: content})
     say(target)
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import html
 import importlib.util
+import io
 import json
 import math
 import re
@@ -43,6 +45,8 @@ LOGGED = 30.0
 """Seconds between lines of progress in a log."""
 PAGE = "index.html"
 """Name of the page in a folder of results."""
+ELSEWHERE = "delete it or choose another place"
+"""Remedy where something else lies in the way."""
 
 
 class _Log:
@@ -215,12 +219,58 @@ def spelled(text: str) -> str:
 
 
 def write_files(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
-    """Files into a folder, made if needed, each whole or not at all; returns what was written."""
+    """Files into a folder, made if needed, each whole or not at all; returns what was written.
+
+    Raises
+    ------
+    InputError
+        A page is in the way, as `check_page` has it; nothing is written.
+    """
+    for name, content in files.items():
+        if name.endswith((".html", ".pdf")):
+            check_page(folder / name, page_title(content))
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
         (folder / name).parent.mkdir(exist_ok=True)
         write_atomically(folder / name, content)
     return [folder / name for name in files]
+
+
+def page_title(content: bytes) -> str | None:
+    """Title of a page, HTML or PDF; None where it has none, or nothing reads it."""
+    if not content.startswith(b"%PDF"):
+        named = re.search(rb"<title>(.*?)</title>", content, re.DOTALL)
+        return named and html.unescape(named[1].decode(errors="replace"))
+    try:
+        import pikepdf
+    except ModuleNotFoundError:
+        return None
+    try:
+        with pikepdf.open(io.BytesIO(content)) as document:
+            title = document.docinfo.get("/Title")
+    except pikepdf.PdfError:
+        return None
+    return None if title is None else str(title)
+
+
+def check_page(path: Path, title: str | None) -> None:
+    """Refuse to write a page of a title over one of another, or over a PDF that was signed or marked since.
+
+    Raises
+    ------
+    InputError
+        Names it, with the remedy.
+    """
+    if not path.is_file():
+        return
+    content = path.read_bytes()
+    wrong, held = "", page_title(content)
+    if held != title:
+        wrong = f'is of "{held}"' if held else "is of something else"
+    elif content.startswith(b"%PDF") and content.count(b"%%EOF") > 1:
+        wrong = "was signed or marked since it was written"
+    if wrong:
+        raise refusal("output", f"{path} {wrong}; {ELSEWHERE}")
 
 
 def typed(*words: object, **options: object) -> str:

@@ -118,7 +118,7 @@ def run_trials(
 def _claim(plan: TolerancePlan, digest: str, folder: Path, resume: bool) -> None:
     """Write the manifest that says what runs, unless another run, or an earlier one of this plan, lies there."""
     manifest, chunks = folder / MANIFEST, folder / "chunks"
-    remedy = "delete it or choose another folder"
+    remedy = "delete it or choose another place"
     wrong = [f"{place} is a file, not a folder" for place in (folder, chunks) if place.exists() and not place.is_dir()]
     wrong += [f"{place} is a folder, not a chunk of results" for place in chunks.glob("*.npz") if place.is_dir()]
     if wrong:

@@ -518,3 +518,32 @@ def test_a_sweep_from_python():
     found = roslf.sweep(roslf.load("paper"), {"d_3": [20.0, 120.0]}, ["fill_factor", "sigma_z_mm"], at=100.0)
     assert found.units == {"fill_factor": "", "sigma_z_mm": "mm", "d_3": "mm"}
     assert np.isfinite(found.values["sigma_z_mm"]).all()
+
+
+def test_what_is_of_another_design_or_signed_is_not_written_over(tmp_path, capsys, coarse_map):
+    def again(design, name, *more):
+        before = (tmp_path / name).read_bytes() if (tmp_path / name).exists() else b""
+        code, _, err = run(capsys, "datasheet", design, "-o", tmp_path / name, *more)
+        assert (code == 2) == ("delete it or choose another place" in err)
+        assert code == 0 or (tmp_path / name).read_bytes() == before
+        return code
+
+    for name in ("draft.html", "draft.pdf"):
+        assert [again(design, name) for design in ("paper", "paper", "rigid-scope")] == [0, 0, 2]
+    with (tmp_path / "draft.pdf").open("ab") as signed:
+        signed.write(b"1 0 obj\nendobj\n%%EOF\n")  # as programs that sign a PDF, or mark it, add to its end
+    assert again("paper", "draft.pdf") == 2
+    assert [again("paper", "a.html", "--revision", each) for each in "AAB"] == [0, 0, 2]
+    assert again("paper", "a.html") == 2
+
+
+def test_a_folder_of_another_study_is_refused_before_any_work(tmp_path, capsys):
+    (tmp_path / "index.html").write_text("<title>rigid 4 mm scope</title>")
+    (tmp_path / "study.toml").write_text(STUDY)
+    for command, study in (
+        ("optimize", "studies/optimize-ear-speculum/study.toml"),
+        ("tolerance", tmp_path / "study.toml"),
+    ):
+        code, _, err = run(capsys, command, study, "-o", tmp_path)
+        assert (code, 'is of "rigid 4 mm scope"' in err) == (2, True)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["index.html", "study.toml"]

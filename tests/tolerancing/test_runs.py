@@ -267,7 +267,7 @@ def manifest_is_a_folder(out):
 def manifest_is_a_list(out):
     out.mkdir()
     (out / "manifest.json").write_text("[1]")
-    return "manifest.json is damaged; delete it or choose another folder"
+    return "manifest.json is damaged; delete it or choose another place"
 
 
 def manifest_is_deep(out):
@@ -279,12 +279,12 @@ def manifest_is_deep(out):
 def chunks_are_a_file(out):
     out.mkdir()
     (out / "chunks").write_text("")
-    return "chunks is a file, not a folder; delete it or choose another folder"
+    return "chunks is a file, not a folder; delete it or choose another place"
 
 
 def a_chunk_is_a_folder(out):
     (out / "chunks" / "000000.npz").mkdir(parents=True)
-    return "000000.npz is a folder, not a chunk of results; delete it or choose another folder"
+    return "000000.npz is a folder, not a chunk of results; delete it or choose another place"
 
 
 def out_is_a_file(out):

@@ -659,7 +659,8 @@ def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = N
     elif views:
         drawn.append(depth_figure(design, known))
     blocks = (sheet_head(design, revision, date), *section.blocks, signatures(), *drawn)
-    return Report(design.name, design.source, (Section(section.title, blocks),))
+    title = design.name if revision == NONE else f"{design.name}, revision {revision}"
+    return Report(title, design.source, (Section(section.title, blocks),))
 
 
 def sheet_head(design: Design, revision: str, date: str) -> Table:
