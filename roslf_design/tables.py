@@ -43,6 +43,17 @@ class _Cell(NamedTuple):
     """Characters that the widest `whole` of the column takes."""
 
 
+class BriefValue:
+    """Value that prints in a few lines, in notebooks too, however long its `repr` is; by default what it holds."""
+
+    def __str__(self) -> str:
+        held = ", ".join(name for name in getattr(self, "__dataclass_fields__", ()) if not name.startswith("_"))
+        return f"{type(self).__name__} of {held}"
+
+    def _repr_pretty_(self, printer: Any, _: bool) -> None:
+        printer.text(str(self))
+
+
 @dataclass(frozen=True)
 class Table:
     """Rows of text.
@@ -103,6 +114,14 @@ class Table:
             tuple(cell(*parts) for parts in zip(self.align, row, split, rooms, strict=True))
             for row, split in zip(self.rows, splits, strict=True)
         )
+
+    def text(self) -> str:
+        """Table as lines of text."""
+        from rich.console import Console
+
+        stream = io.StringIO()
+        print_table(self, Console(file=stream, width=118, no_color=True))
+        return stream.getvalue().strip("\n")
 
     def html(self) -> str:
         """Table as plain HTML, as notebooks show it; rows of words stand left, numbers right."""

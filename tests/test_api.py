@@ -228,3 +228,17 @@ def test_a_distance_is_one_number_or_several():
 def test_a_key_that_is_none_is_told_one_near_in_letters_or_meaning_at_its_place_or_all(place, said):
     with pytest.raises(roslf.InputError, match=f"^{place}: .*{said}"):
         roslf.load("rigid-scope").replace({place: 1.0})
+
+
+def test_what_is_handed_out_prints_in_lines_that_a_notebook_shows_too(tmp_path):
+    values = [
+        roslf.load("cystoscope"), roslf.render("paper", region=(2000, 1300, 20, 20)), roslf.specification("paper"),
+        roslf.quantity("sigma_z_mm"), roslf.report("paper"),
+    ]  # fmt: skip
+    for value in values:
+        lines = str(value).splitlines()
+        assert 0 < len(lines) < 20
+        assert max(map(len, lines)) < 500
+        assert hasattr(value, "_repr_html_") or hasattr(value, "_repr_pretty_")
+    design = str(values[0])
+    assert "d_3            62.84 mm  aperture.distance" in design

@@ -32,6 +32,7 @@ from ..errors import InputError, refusal
 from ..evaluation.specification import ASKED, Specification, resolved, specification
 from ..json_data import plain
 from ..progress import CountedProgress, silent
+from ..tables import BriefValue
 from ..theory.chief_rays import chief_rays
 from ..theory.depth_budget import COVERAGE, DepthBudget, depth_budget
 from ..theory.depth_of_field import Kind
@@ -106,7 +107,7 @@ class AcceptanceLine:
 
 
 @dataclass(frozen=True)
-class Acceptance:
+class Acceptance(BriefValue):
     """All figures of a camera, and what stood in the way of others."""
 
     design: str

@@ -19,6 +19,7 @@ from ..calibration.raw import full_scale
 from ..design import Design
 from ..errors import InputError, Problem
 from ..progress import CountedProgress, silent
+from ..tables import BriefValue
 from ..theory.focused import refuse_focused
 from .boards import FoundBoards, NextPose, left_poses, sigma_of
 from .captures import KINDS, Bench, BenchCapture, BoardPose, Kind
@@ -65,7 +66,7 @@ class ImageCheck:
 
 
 @dataclass(frozen=True)
-class BenchCheck:
+class BenchCheck(BriefValue):
     """Worth of all captures."""
 
     images: tuple[ImageCheck, ...]

@@ -13,6 +13,7 @@ import numpy as np
 from ..accuracy.statement import Accuracy
 from ..camera import Camera
 from ..design import PATHS, Design
+from ..tables import BriefValue
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.length_covariance import CalibratedLengths
 from ..theory.vignetting import field_limit
@@ -67,7 +68,7 @@ class _QuantityEstimate:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class Outcome(BriefValue):
     """Outcome of `roslf calibrate`."""
 
     design: Design

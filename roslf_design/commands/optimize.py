@@ -13,19 +13,7 @@ from ..optimization.study import load_study, run
 from ..reporting.optimise.pages import optimisation_pictures, optimization_report
 from ..reporting.printers import page_files
 from .results import print_titled
-from .terminal import (
-    PAGE,
-    Json,
-    Output,
-    check_options,
-    check_page,
-    json_text,
-    listed,
-    say,
-    status_and_bars,
-    typed,
-    write_files,
-)
+from .terminal import Json, Output, check_options, json_text, listed, say, status_and_bars, typed, write_files
 
 
 def optimize(
@@ -55,7 +43,7 @@ def optimize(
     if accuracy is not None:
         check_accuracy(accuracy, QUICK, "limits are held to 1e-9 of themselves")
     posed = load_study(study, seed, accuracy)
-    check_page(output / PAGE, posed.table.name)
+    check_options(folder=output, title=posed.table.name)
     with status_and_bars("optimize") as tell:
         try:
             result = run(posed, tell)

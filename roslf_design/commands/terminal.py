@@ -224,11 +224,11 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
     Raises
     ------
     InputError
-        A page is in the way, as `check_page` has it; nothing is written.
+        A page is in the way, as `_check_page` has it; nothing is written.
     """
     for name, content in files.items():
         if name.endswith((".html", ".pdf")):
-            check_page(folder / name, page_title(content))
+            _check_page(folder / name, _page_title(content))
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
         (folder / name).parent.mkdir(exist_ok=True)
@@ -236,7 +236,7 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
     return [folder / name for name in files]
 
 
-def page_title(content: bytes) -> str | None:
+def _page_title(content: bytes) -> str | None:
     """Title of a page, HTML or PDF; None where it has none, or nothing reads it."""
     if not content.startswith(b"%PDF"):
         named = re.search(rb"<title>(.*?)</title>", content, re.DOTALL)
@@ -253,7 +253,7 @@ def page_title(content: bytes) -> str | None:
     return None if title is None else str(title)
 
 
-def check_page(path: Path, title: str | None) -> None:
+def _check_page(path: Path, title: str | None) -> None:
     """Refuse to write a page of a title over one of another, or over a PDF that was signed or marked since.
 
     Raises
@@ -264,7 +264,7 @@ def check_page(path: Path, title: str | None) -> None:
     if not path.is_file():
         return
     content = path.read_bytes()
-    wrong, held = "", page_title(content)
+    wrong, held = "", _page_title(content)
     if held != title:
         wrong = f'is of "{held}"' if held else "is of something else"
     elif content.startswith(b"%PDF") and content.count(b"%%EOF") > 1:
@@ -286,8 +286,8 @@ def typed(*words: object, **options: object) -> str:
     return printable(shlex.join(parts))
 
 
-def check_options(seed: int | None = None, folder: Path | None = None, *others: Problem) -> None:
-    """Refuse, before any work, options that cannot be had.
+def check_options(seed: int | None = None, folder: Path | None = None, *others: Problem, title: str = "") -> None:
+    """Refuse, before any work, options that cannot be had; with the `title` of a page, a folder that has another's.
 
     Raises
     ------
@@ -304,6 +304,8 @@ def check_options(seed: int | None = None, folder: Path | None = None, *others: 
         faults.append(Argument("output", blocked))
     if faults:
         raise InputError(tuple(faults))
+    if folder is not None and title:
+        _check_page(folder / PAGE, title)
 
 
 def check_target(target: Path, kinds: Sequence[str] = ()) -> str:

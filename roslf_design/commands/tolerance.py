@@ -35,20 +35,7 @@ from ..tolerancing.study import RunOptions
 from ..tolerancing.tally import npz_bytes
 from ..words import sentence
 from .results import picture_files, print_blocks
-from .terminal import (
-    PAGE,
-    Flag,
-    Flat,
-    Json,
-    Output,
-    check_options,
-    check_page,
-    say,
-    spelled,
-    status_and_bars,
-    typed,
-    write_files,
-)
+from .terminal import Flag, Flat, Json, Output, check_options, say, spelled, status_and_bars, typed, write_files
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -97,7 +84,7 @@ def tolerance(
     if accuracy is not None:
         count = trials_for(accuracy, plan.draws.sampling)
         plan, description, grades = options.model_copy(update={"trials": count}).plan(study)
-    check_page(output / PAGE, f"Tolerances of {plan.question.design.name}")
+    check_options(folder=output, title=f"Tolerances of {plan.question.design.name}")
     where = WorkerSettings(workers or _workers(plan.chunks), scheduler)
     with status_and_bars("tolerance") as tell:
         try:

@@ -22,6 +22,7 @@ from ..camera import Camera
 from ..design import Design
 from ..errors import refusal
 from ..options import FileName, Options, refuse_idle
+from ..tables import BriefValue
 from ..theory.focused import refuse_focused
 from ..theory.limits import as_design
 from ..units import read_quantity
@@ -35,7 +36,7 @@ MOST_PLANES = 100
 
 
 @dataclass(frozen=True, eq=False)
-class Decoded:
+class Decoded(BriefValue):
     """A light field, its refocus stack, and where both come from."""
 
     source: str

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
@@ -25,6 +25,7 @@ from ..imaging.surfaces import seen_distances
 from ..json_data import plain
 from ..progress import part_of
 from ..scenes import Noise, Scene
+from ..tables import BriefValue
 from ..theory.colours import filters
 from ..theory.disparity_error import disparity_sigma
 from ..theory.disparity_information import Seen
@@ -210,7 +211,7 @@ class Summary:
 
 
 @dataclass(frozen=True, eq=False)
-class Measurement:
+class Measurement(BriefValue):
     """Depths of one or more exposures of the same, with the truth and the prediction as far as they are known."""
 
     runs: tuple[Depths, ...]
@@ -218,6 +219,10 @@ class Measurement:
     true: Array
     """Z that each microlens's chief ray meets, shape (v, u) [mm]; NaN where it meets nothing, or nothing is known."""
     prediction: Prediction | None
+
+    def __str__(self) -> str:
+        told = {name: value for name, value in asdict(self.summary()).items() if value is not None}
+        return f"Depth in {len(self.runs)} pictures: {', '.join(f'{name} {told[name]:.3g}' for name in told)}"
 
     @property
     def first(self) -> Depths:

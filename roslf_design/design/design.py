@@ -16,6 +16,7 @@ from ..bore.conjugates import CONJUGATES, follower
 from ..bore.part import TEMPERATURE, Part
 from ..errors import InputError, Problem
 from ..lenses.glass import AIR
+from ..tables import Table
 from ..toml_files import nearest
 from ..units import format_quantity
 from .assembly import Assembly
@@ -178,13 +179,18 @@ class Design(Assembly):
             return self.replace({"environment": {"temperature": temperature}})
         return self.replace({TEMPERATURE: temperature})
 
+    @property
+    def _table(self) -> Table:
+        """Numbers by their symbols, with the places that `replace` takes."""
+        known = [(symbol, float(f"{getattr(self, symbol):.7g}"), place) for symbol, place in PATHS.items()]
+        rows = tuple((symbol, format_quantity(value, "length"), place) for symbol, value, place in known)
+        return Table(rows, "ldl", ("symbol", "value", "place"), self.name, self.source)
+
+    def __str__(self) -> str:
+        return f"{self._table.text()}\n\n{self.source}; roslf.dumps(design) is all of it, as its file"
+
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><td>{symbol}</td><td>{format_quantity(float(f'{getattr(self, symbol):.7g}'), 'length')}</td>"
-            f"<td>{path}</td></tr>"
-            for symbol, path in PATHS.items()
-        )
-        return f"<h4>{escape(self.name)}</h4><p>{escape(self.source)}</p><table>{rows}</table>"
+        return f"{self._table.html()}<p>{escape(self.source)}</p>"
 
 
 def build(data: Mapping[str, Any], *, from_file: bool, origin: str = "", folder: str | Path | None = "") -> Design:

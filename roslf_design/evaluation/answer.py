@@ -119,7 +119,7 @@ class FirstAnswer:
     """Tube that the design states, wider where parts and walls need it; else the narrowest about the optics."""
     outer_diameter_about: str
     outer_diameter_counts: str
-    """Which tube it is of, and the walls that it counts, as `tube.Walls` has them."""
+    """Which tube it is of, and the walls that it counts, as `tube.walls` says them."""
     corner_lp_per_mm: float | None
     """Finest detail in the corner at the focal plane, refocused; None where it is dark, or pixels are no views."""
     at: tuple[_AtDistance, ...]

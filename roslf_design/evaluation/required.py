@@ -145,7 +145,7 @@ def requirements(
     }
     counted: dict[str, Callable[[float | None], str]] = {
         "u_z_mm": lambda at: budget(at).counted,
-        "outer_diameter_mm": lambda _: tube.walls(camera).counted,
+        "outer_diameter_mm": lambda _: tube.walls(camera)[1],
     }
     told = []
     for asked, quantity, low, high in limits(design):

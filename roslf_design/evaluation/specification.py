@@ -17,6 +17,7 @@ from ..design import Design
 from ..json_data import plain
 from ..options import Distance, check_distances
 from ..shapes.lattice import PACKINGS
+from ..tables import BriefValue
 from ..theory import field_of_view, light, tube
 from ..theory.colours import ColourFilter, filters
 from ..theory.depth_error import depth_error, seen_at
@@ -279,7 +280,7 @@ class Colour:
 
 
 @dataclass(frozen=True)
-class Specification:
+class Specification(BriefValue):
     """The data sheet's lines."""
 
     field_of_view_deg: tuple[FieldOfView, ...]

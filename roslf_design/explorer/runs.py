@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from ..design import Design
 from .forms import MeasureRequest, OptimiseRequest, Options, ToleranceRequest, read_form
@@ -14,36 +14,12 @@ from .optimise_run import OptimiseResult, run_optimise
 from .tolerance_run import ToleranceResult, run_tolerance
 
 Work = Callable[[Any, Tell], Any]
-
-
-class _Kind(NamedTuple):
-    """Kind of run."""
-
-    request: type[Any]
-    work: Work
-    page: Callable[[Any], dict[str, Any]]
-    """What the page shows of its result."""
-    does: str
-    """What a run does and how long it takes, in words, for those who have started none."""
-
-
-KINDS = {
-    "tolerance": _Kind(
-        ToleranceRequest, run_tolerance, ToleranceResult.page,
-        "Start makes as many builds of this camera as are asked for, each number off by chance within the grade's "
-        "tolerances, and counts those that hold every limit: ten seconds to a minute, longer with more pixels across a "
-        "microlens image.",
-    ),
-    "optimise": _Kind(
-        OptimiseRequest, run_optimise, OptimiseResult.page,
-        "Start searches what is ticked, between its bounds, for the design that is best by the goal and keeps all that "
-        "must hold: some seconds to half a minute. This design stays until you take the one found.",
-    ),
-    "measure": _Kind(
-        MeasureRequest, run_measure, trial_page,
-        "Start takes simulated pictures and measures depth in them as the camera would: ten seconds to half a minute.",
-    ),
-}  # fmt: skip
+KINDS: dict[str, tuple[type[Any], Work, Callable[[Any], dict[str, Any]]]] = {
+    "tolerance": (ToleranceRequest, run_tolerance, ToleranceResult.page),
+    "optimise": (OptimiseRequest, run_optimise, OptimiseResult.page),
+    "measure": (MeasureRequest, run_measure, trial_page),
+}
+"""Kinds of run: the request, the work, and what the page shows of its result."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +40,8 @@ class Run:
         InputError
             Options that cannot be.
         """
-        request = read_form(KINDS[kind].request, design, options)
-        return cls(kind, design, ProcessJob(KINDS[kind].work, request))
+        request, work, _ = KINDS[kind]
+        return cls(kind, design, ProcessJob(work, read_form(request, design, options)))
 
     @property
     def result(self) -> Any:
@@ -96,4 +72,5 @@ def summary(run: Run | None, design: Design, wrong: str = "") -> dict[str, Any]:
         return shown | {"state": "running", "share": share, "text": state.words, "seconds": f"{state.seconds:.0f} s"}
     if isinstance(state, Failure):
         return shown | {"state": "failed", "message": wrong or state.message}
-    return shown | {"state": "done", "seconds": f"{state.seconds:.1f} s", **KINDS[run.kind].page(state.result)}
+    _, _, show_result = KINDS[run.kind]
+    return shown | {"state": "done", "seconds": f"{state.seconds:.1f} s", **show_result(state.result)}

@@ -34,7 +34,6 @@ from ..theory.depth_budget import NOISE
 from ..theory.quantities import QUANTITIES
 from ..words import listed, percent, the, to_html
 from .optimise_run import OptimiseResult
-from .runs import KINDS
 from .state import (
     BY_SYMBOL,
     FIELDS,
@@ -204,10 +203,20 @@ DRAWINGS = {
 others stand where it has the cards of their view or kind of run."""
 
 
+AHEAD = {
+    "tolerance": "Start makes builds of this camera, off by chance within the grade's tolerances, and counts those "
+    "that hold every limit: ten seconds to a minute, longer with more pixels across a microlens image.",
+    "optimise": "Start searches what is ticked, between its bounds, for the best design that keeps all that must hold: "
+    "some seconds to half a minute. This design stays until you take the one found.",
+    "measure": "Start takes simulated pictures and measures depth in them: ten seconds to half a minute.",
+}
+"""Words on what a run of each kind does, and how long it takes."""
+
+
 def ahead(kind: str) -> str:
-    """Words on a run that has not ended: what it does, how long that takes, and what will be drawn of it."""
+    """Words on a run that has not ended, and what will be drawn of it."""
     drawn = "; ".join(f"{one.label[0].lower()}{one.label[1:]}" for one in DRAWINGS.values() if one.run == kind)
-    return f"{KINDS[kind].does} It goes on in the background while you work in other views. What you will see: {drawn}."
+    return f"{AHEAD[kind]} It goes on in the background while you work in other views. What you will see: {drawn}."
 
 
 def with_cards(template: str) -> str:

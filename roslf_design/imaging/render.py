@@ -21,6 +21,7 @@ from ..errors import InputError, Problem, refusal
 from ..options import check_seed
 from ..progress import part_of
 from ..scenes import WHITE_FIELD, Scene
+from ..tables import BriefValue
 from ..theory.colours import BRIGHTEST, FILTERS, ColourFilter, filters, mosaic, per_watt
 from ..theory.light import chief_spread, falloff, outer_slope
 from ..theory.photometry import full_level
@@ -42,7 +43,7 @@ AROUND = 1 / 16
 
 
 @dataclass(frozen=True, eq=False)
-class RawImage:
+class RawImage(BriefValue):
     """Raw image that the sensor recorded, and how it was computed."""
 
     pixels: Image
@@ -62,6 +63,11 @@ class RawImage:
     """Wall time."""
     accuracy: dict[str, Any] | None = None
     """Accuracy of its pixels, as stated where it was made; None where nobody asked."""
+
+    def __str__(self) -> str:
+        rows, columns = self.pixels.shape
+        low, high = self.pixels.min(), self.pixels.max()
+        return f"Raw image of {self.design.name}: {columns} x {rows} px, {low:.3g} to {high:.3g} (.pixels)"
 
     def metadata(self) -> dict[str, Any]:
         """Everything but the pixels, JSON-ready."""

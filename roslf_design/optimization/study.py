@@ -27,6 +27,7 @@ from ..json_data import plain
 from ..lenses.glass import find_glass
 from ..lenses.prescription import Prescription
 from ..progress import silent
+from ..tables import BriefValue
 from ..theory.focused import focus_faults
 from ..theory.quantity import Quantity
 from ..toml_files import StrictTable, nearest, problems_of, read_toml
@@ -270,7 +271,7 @@ def read_study(
 
 @by_value
 @dataclass(frozen=True)
-class Result:
+class Result(BriefValue):
     """Everything that a study found; printed, its variables and goals alone."""
 
     study: OptimizeStudy

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
+from ..tables import BriefValue
 from ..tables import Table as Table
 from ..words import to_html
 
@@ -144,7 +145,7 @@ class Finding(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Report:
+class Report(BriefValue):
     """A whole report, before it is written in any format."""
 
     title: str
@@ -152,6 +153,9 @@ class Report:
     sections: tuple[Section, ...]
     footer: str = "roslf_design"
     """No version where the same input is to give the same bytes for years."""
+
+    def __str__(self) -> str:
+        return f"Report on {self.title}. {self.answer}"
 
     @property
     def figures(self) -> tuple[Figure, ...]:

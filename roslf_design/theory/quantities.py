@@ -276,7 +276,7 @@ def _views_remark(c: Camera) -> str:
 def _tube_remark(c: Camera) -> str:
     unfolded = ", unfolded" if c.chain.folding else ""
     if tube.OUTER in c.numbers:
-        return f"of the tube about clear apertures and sensor{unfolded}; {tube.walls(c).counted}"
+        return f"of the tube about clear apertures and sensor{unfolded}; {tube.walls(c)[1]}"
     widest = max(tube.housed(c), key=lambda part: float(part.width)).name
     counted = f"of the narrowest tube about clear apertures and sensor{unfolded}, widest: {widest}"
     return f"{counted}; {tube.uncounted(c)}; mounts come on top"

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .._arrays import Array
 from ..camera import Camera, Number
+from ..tables import BriefValue
 from ..units import format_quantity, parse_in, read_quantity
 from ..words import number
 from .light import SensorField
@@ -46,7 +47,7 @@ class Listed:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class Quantity(BriefValue):
     """A number of a camera."""
 
     name: str
@@ -101,6 +102,9 @@ class Quantity:
     over: Callable[[Camera, Depth, SensorField], Array] | None = None
     """Function of a given rectangle of the array, for a quantity that depends on how much of it the sensor sees.
     `monotone` is then about this function, and the rectangle's ends are further lengths in which it rises or falls."""
+
+    def __str__(self) -> str:
+        return f"{self.name}{f' [{self.unit}]' * bool(self.unit)}: {self.words}"
 
     def __call__(self, camera: Camera, at: Depth = None) -> Array:
         """Its value for every build; of several values the one that counts; NaN behind the tip, where nothing can be.

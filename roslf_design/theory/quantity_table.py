@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import io
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from .._arrays import by_value
 from ..design import PATHS
 from ..design.files import write_new
-from ..tables import Table, csv_bytes, print_table
+from ..tables import Table, csv_bytes
 from ..words import number
 
 MOST_ROWS = 24
@@ -89,11 +88,7 @@ class QuantityTable:
         return len(next(iter(self.columns.values()), ()))
 
     def __str__(self) -> str:
-        from rich.console import Console
-
-        stream = io.StringIO()
-        print_table(self.table, Console(file=stream, width=118, no_color=True))
-        return stream.getvalue().strip("\n")
+        return self.table.text()
 
     def _repr_html_(self) -> str:
         return self.table.html()

@@ -94,26 +94,20 @@ def widest_fap(c: Camera) -> Array:
     return np.minimum(room(c), c.D)
 
 
-class Walls(NamedTuple):
-    """Walls that an outer diameter counts."""
+def walls(c: Camera) -> tuple[str, str]:
+    """Tube that the outer diameter is of: the design's, or the narrowest one; walls that it counts and does not count.
 
-    about: str
-    """Tube that it is of, in words: the design's, or the narrowest about the optics where that states none."""
-    counted: str
-    """Walls that it counts, the tube as the design states it, and what is not counted, in words."""
-
-
-def walls(c: Camera) -> Walls:
-    """Walls that the outer diameter counts."""
+    Both in words.
+    """
     if OUTER not in c.numbers:
-        return Walls("narrowest tube about the optics,", uncounted(c))
+        return "narrowest tube about the optics,", uncounted(c)
     outer, wall, narrowest = float(c[OUTER]), float(shell(c)), float(np.max(_about(c)))
     walls = "walls with light guide" if GUIDE in c.numbers else "walls"
     parts = f"parts of {number(narrowest - 2 * wall, 4)} mm and {walls} of {number(wall, 4)} mm"
     counted = f"as stated: {parts}, clearance {number(outer - narrowest, 3, 1e-9)} mm"
     if outer < narrowest * (1 - 1e-9):
         counted = f"with its wall: {parts}; {number(outer, 4)} mm as stated is too narrow"
-    return Walls("tube", "; ".join(filter(None, (counted, uncounted(c)))))
+    return "tube", "; ".join(filter(None, (counted, uncounted(c))))
 
 
 def outer_diameters(c: Camera) -> Array:

@@ -22,6 +22,7 @@ from ..errors import InputError
 from ..evaluation.required import Requirement, missed_words, required_of
 from ..json_data import plain
 from ..progress import CountedProgress, silent
+from ..tables import BriefValue
 from ..theory.depth_budget import DepthBudget, depth_budget
 from ..theory.focused import is_focused
 from ..theory.length_covariance import LengthCovariance
@@ -115,7 +116,7 @@ class _Precision:
 
 @by_value
 @dataclass(frozen=True)
-class StudyResult:
+class StudyResult(BriefValue):
     """Results of a study; printed, its yield alone."""
 
     plan: TolerancePlan

@@ -290,7 +290,7 @@ def test_a_bare_design_says_what_is_missing_in_our_words():
 def test_notebooks_show_a_design_as_a_table():
     page = load("paper")._repr_html_()
     assert "<table>" in page
-    assert "<td>d_3</td><td>120 mm</td>" in page
+    assert ">d_3</td><td>120 mm</td>" in page
 
 
 def test_tables_in_a_row_are_counted_from_0_in_messages():
