@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, StrictBool, field_validator, model_validator
 
 from ..design import Design
 from ..errors import InputError, refusal
@@ -195,7 +195,7 @@ class BoardDistances(StrictTable):
 
     sigma: Length
     """Standard deviation of each [mm]."""
-    relative: bool = False
+    relative: StrictBool = False
     """Measured from any one place, as a rail shows them, instead of from the main lens."""
     distances: Annotated[dict[str, AnyLength], Field(min_length=1)]
     """Distance of each board's middle [mm], by the name of its image; growing away from the camera."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationError, model_validator
 
 from ..camera import Camera
 from ..design import Design, DesignError, dumps
@@ -113,7 +113,7 @@ class _FoundTable(_LenientTable):
     covariance: _FoundCovariance | None = None
     sensor: MeasuredSensor | None = None
     posterior: _FoundPosterior | None = None
-    converged: bool | None = None
+    converged: StrictBool | None = None
     images_used: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
+from ..lenses.glass import catalogue as materials
 from ..lenses.lens_file import shipped_names
 from ..optimization.parts import KINDS, Kind, load_catalogue, parse_condition, read_condition, rows
 from ..tables import Table, print_table
@@ -77,6 +78,10 @@ def catalogue(
         say(f"{number}  {note}")
     if any(row["kind"] == "lenses" for row in chosen):
         print("\nLenses with a prescription are traced behind main_lens.prescription; of the others f and D are known.")
+    if kind is None and not conditions:
+        print(
+            f"\nMaterials by name: {', '.join(sorted({glass.name for glass in materials().values()}, key=str.lower))}."
+        )
     if not chosen:
         for text, condition in conditions.items():
             say(f'"{text}" holds for {sum(map(condition, every))} of {len(every)} parts{_theirs(every, text)}')

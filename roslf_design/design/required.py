@@ -25,15 +25,24 @@ LIKE = '{max = "0.5 mm"}'
 """Limits as a file writes them."""
 
 
+def _no_flag(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise ValueError(f"must be a number, or text with a unit, got {value!r}")
+    return value
+
+
+_End = Annotated[float | str | None, BeforeValidator(_no_flag)]
+
+
 class Required(Part):
     """Limits of one quantity; several of them, at other distances, stand in a list."""
 
     quantity: str
     at: Length | None = None
     """Distance ahead of the bore's tip [mm]; the focal plane where left out."""
-    min: float | str | None = None
+    min: _End = None
     """Least value: text with a unit, or a number in the unit that the quantity's name ends with."""
-    max: float | str | None = None
+    max: _End = None
     """Largest value."""
 
     @model_validator(mode="after")

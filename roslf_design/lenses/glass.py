@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import chain
@@ -31,6 +31,15 @@ MOST_EXPANSION = 1e-2
 """No solid grows faster [1/K]."""
 MOST_WARMED = 0.5
 """No temperature of a camera moves an index by more: it is the law that ends."""
+LIKE = 0.55
+"""Likeness of letters from which a name may be another one, mistyped."""
+USUAL = ("air", "water", "saline", "sapphire", "fused silica", "N-BK7", "PMMA")
+"""Names that an error shows where none is like what was asked for."""
+OTHERWISE = {
+    "quartz": "fused silica", "suprasil": "fused silica", "corundum": "sapphire", "borosilicate": "N-BK7",
+    "crown": "N-BK7", "flint": "F2", "plexiglas": "PMMA", "perspex": "PMMA", "lexan": "polycarbonate",
+}  # fmt: skip
+"""Other names of materials, or of what is nearest to them, which an error suggests and nothing takes for them."""
 ROOM = 20.0
 """Temperature of the catalogue's indices [degrees C]."""
 F_LINE, D_LINE, C_LINE = 0.4861327, 0.5875618, 0.6562725
@@ -269,10 +278,18 @@ def find_glass(name: str, extra: Mapping[str, Glass] | None = None) -> Glass:
     known = {**catalogue(), **(extra or {})}
     if glass := known.get(name.strip().upper() or "AIR"):
         return glass
-    near = difflib.get_close_matches(name.upper(), known, 1, 0.5)
-    hint = f"the nearest known is '{known[near[0]].name}'" if near else f"known: {', '.join(sorted(known))}"
+    near = [known[one].name if one in known else one for one in likely(name, known)]
+    hint = f"the nearest known is {' or '.join(map(repr, dict.fromkeys(near)))}"
+    hint = hint if near else f"known are {', '.join(USUAL)} and others: `roslf catalogue` ends with all of them"
     remedy = "check the spelling, or describe it: {index = 1.5, abbe = 60}"
     raise InputError((Problem("", f"'{name}' is not a known glass; {hint}; {remedy}"),))
+
+
+def likely(name: str, known: Iterable[str]) -> list[str]:
+    """Names, at most two, that someone may mean by one that is not known: as trades call it, or spelt alike."""
+    meant = [glass for called, glass in OTHERWISE.items() if called in name.lower()]
+    alike = {one.lower(): one for one in known}
+    return meant[:1] or [alike[one] for one in difflib.get_close_matches(name.lower(), alike, 2, LIKE)]
 
 
 _Side = Literal["air", "vacuum"]

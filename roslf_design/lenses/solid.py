@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 from ..errors import InputError, Problem
-from .glass import MOST_EXPANSION, catalogue
+from .glass import MOST_EXPANSION, catalogue, likely
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ def find_solid(name: str) -> Solid:
     """
     if solid := solids().get(name.strip().lower()):
         return solid
-    near = difflib.get_close_matches(name.lower(), solids(), 1, 0.5)
+    near = likely(name, solids())
     metals = dict.fromkeys(solid.name for solid in solids().values() if solid.name.upper() not in catalogue())
     hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(metals)}, and glasses by name"
     message = f"'{name}' is no material with a known expansion; {hint}; or give it: {{expansion = 23.6e-6}} per K"

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, StrictBool
 
 from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
@@ -68,7 +68,7 @@ class CatalogueTable(StrictTable):
     """Kind to names of those parts, or glasses, alone: lenses = ["AC050-008-A", "AC080-016-A"]."""
     files: tuple[str, ...] = ()
     """Further catalogue files, beside the study."""
-    shipped: bool = True
+    shipped: StrictBool = True
     """Whether the shipped catalogue takes part."""
     element: Annotated[int, Field(ge=0)] | None = None
     """For which of [[elements]], from 0, a window is chosen; may be left out where there is one plate."""

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self, get_args
 
 import numpy as np
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, StrictBool, ValidationError, model_validator
 
 from ..bore.main_lens import MainLensKind, main_lens_kind
 from ..bore.real_lens import Lens, focal_length_at
@@ -252,7 +252,7 @@ class _ArrayPart(Entry):
     size: tuple[Length, Length]
     layout: Literal["square", "hexagonal"] = "square"
     lens_shape: Literal["square", "circular"] = "square"
-    cut: bool = True
+    cut: StrictBool = True
     """Whether it may be cut to the size that a sensor needs."""
 
     @property

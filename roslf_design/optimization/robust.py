@@ -12,7 +12,7 @@ from functools import cached_property, partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from .._arrays import Array, by_value
 from ..bore.conjugates import CONJUGATES
@@ -54,6 +54,25 @@ class PerturbTable(StrictTable):
     @classmethod
     def _listed(cls, value: Any) -> Any:
         return (value,) if isinstance(value, str) else value
+
+    @model_validator(mode="after")
+    def _readable(self, info: ValidationInfo) -> PerturbTable:
+        if design := (info.context or {}).get("design"):
+            self.misses(design)
+        return self
+
+    def misses(self, design: Design) -> dict[str, tuple[Perturbation, bool]]:
+        """Place to its perturbation, and whether that is a share of a length; a ValueError where a design has none."""
+        misses, nominal, share = {}, nominal_values(design), str(self.tolerance).strip().endswith("%")
+        for name in self.place:
+            for place in expand(design, name):
+                if place == CONJUGATES[1]:
+                    raise ValueError("the focal plane is no part of the hardware; let f or d_1 miss instead")
+                if any(word in place for word in IDLE):
+                    raise ValueError(f"'{name}' changes nothing that an optimisation looks at; drop it")
+                width = tolerance_at(design, place, self.tolerance)
+                misses[place] = Perturbation(place, nominal[place], width, self.distribution, self.truncate), share
+        return misses
 
 
 class RobustTable(StrictTable):
@@ -152,20 +171,11 @@ def scatter_of(table: RobustTable, design: Design, seed: int) -> Scatter:
     """
     faults: list[Problem] = []
     misses: dict[str, tuple[Perturbation, bool]] = {}
-    nominal = nominal_values(design)
     for index, line in enumerate(table.perturb):
-        for name in line.place:
-            try:
-                for place in expand(design, name):
-                    if place == CONJUGATES[1]:
-                        raise ValueError("the focal plane is no part of the hardware; let f or d_1 miss instead")
-                    if any(word in place for word in IDLE):
-                        raise ValueError(f"'{name}' changes nothing that an optimisation looks at; drop it")
-                    width = tolerance_at(design, place, line.tolerance)
-                    miss = Perturbation(place, nominal[place], width, line.distribution, line.truncate)
-                    misses[place] = miss, str(line.tolerance).strip().endswith("%")
-            except ValueError as error:
-                faults.append(Problem(f"robust.perturb.{index}", str(error)))
+        try:
+            misses |= line.misses(design)
+        except ValueError as error:
+            faults.append(Problem(f"robust.perturb.{index}", str(error)))
     if faults:
         raise InputError(tuple(faults))
     perturbations = tuple(miss for miss, _ in misses.values())

@@ -13,7 +13,7 @@ from operator import itemgetter
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, StrictBool
 
 from .._arrays import Array, by_value
 from ..accuracy.statement import Accuracy
@@ -63,9 +63,9 @@ class SolverTable(StrictTable):
     """Evaluations for the whole problem; a front, robustness and a catalogue have as many more each."""
     seconds: Annotated[float, Field(gt=0)] | None = None
     """A clock besides: what a busy machine does not get done in so long is left out."""
-    check: bool = True
+    check: StrictBool = True
     """Whether CRS2_LM looks again."""
-    isres: bool = False
+    isres: StrictBool = False
     """Whether ISRES does too."""
 
 

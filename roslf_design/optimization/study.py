@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, field_validator
+from pydantic import Field, StrictBool, ValidationError, field_validator
 
 from .._arrays import by_value, ratio
 from ..bore.conjugates import CONJUGATES
@@ -63,11 +63,11 @@ class StudyTable(StrictTable):
     order: Literal["weighted", "lexicographic"] = "weighted"
     slack: Annotated[float, Field(ge=0, lt=1)] = 0.01
     """Lexicographic: share of an earlier goal that a later one may cost."""
-    microlens_in_focus: bool = False
+    microlens_in_focus: StrictBool = False
     """Whether f_ml follows the focus."""
     variables: Annotated[dict[str, Variable], Field(validate_default=True, default_factory=dict)]
     constraints: tuple[Constraint, ...] = ()
-    required: bool = False
+    required: StrictBool = False
     """Whether all that the design's `[required]` asks for is held as well."""
     goals: Annotated[tuple[Goal, ...], Field(validate_default=True)] = ()
     bore: BoreTable | None = None
@@ -110,9 +110,8 @@ class StudyTable(StrictTable):
         """Faults of a study against its design."""
         if self.required and not design.required:
             yield Problem("required", f"{design.name} has no [required] to be held; add it, or drop the key")
-        names, numbers = tuple(self.variables), Camera.of(design).numbers
-        own = [place for lens in design.main_lens.kind.mounted for place in places_that_vary(lens)]
-        yield from (Problem("variables", words) for words in name_faults(names, numbers, own))
+        names = tuple(self.variables)
+        yield from _name_faults(names, design)
         for name, variable in self.variables.items():
             if name in NUMBERS:
                 continue
@@ -210,6 +209,13 @@ class StudyTable(StrictTable):
         )
 
 
+def _name_faults(names: Iterable[str], design: Design) -> Iterator[Problem]:
+    """Faults of variables' names."""
+    own = [place for lens in design.main_lens.kind.mounted for place in places_that_vary(lens)]
+    words = name_faults(tuple(names), Camera.of(design).numbers, own)
+    return (Problem("variables", fault) for fault in words)
+
+
 def _number_bounds(name: str, value: Any) -> Variable:
     try:
         return NumberVariable.model_validate(value, context={"from_file": True})
@@ -257,10 +263,12 @@ def read_study(
     data, design = studied(data, folder, design, faults)
     table = None
     try:
-        table = StudyTable.model_validate(data, context={"from_file": True})
+        table = StudyTable.model_validate(data, context={"from_file": True, "design": design})
         faults += [] if design is None else table.faults(design)
     except ValidationError as error:
         faults += problems_of(error, StudyTable)
+        if design is not None and isinstance(varied := data.get("variables"), Mapping):
+            faults += _name_faults(varied, design)
     if faults or table is None or design is None:
         raise InputError(tuple(dict.fromkeys(faults)), origin)
     if table.wavelength is not None:

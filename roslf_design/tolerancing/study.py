@@ -21,6 +21,7 @@ from pydantic import (
     AfterValidator,
     BeforeValidator,
     Field,
+    StrictBool,
     ValidationError,
     ValidationInfo,
     field_validator,
@@ -125,13 +126,14 @@ class Perturb(StrictTable):
     """Truncation of "normal": the tolerance in sigmas."""
     group: str | None = None
     """Members of a group move together: decentres along x, decentres along y, each tilt, and all others as one."""
-    opposed: bool = False
+    opposed: StrictBool = False
     """Moves against its group."""
 
-    @model_validator(mode="after")
-    def _readable(self, info: ValidationInfo) -> Perturb:
-        _widths(self.tolerance, self.place, _design(info))
-        return self
+    @field_validator("tolerance")
+    @classmethod
+    def _readable(cls, tolerance: str | float | None, info: ValidationInfo) -> str | float | None:
+        _widths(tolerance, info.data.get("place", ()), _design(info))
+        return tolerance
 
 
 class Group(StrictTable):
@@ -185,10 +187,11 @@ class Compensate(StrictTable):
     range: str | float | None = None
     """How far it can be moved either way; without limit where left out."""
 
-    @model_validator(mode="after")
-    def _readable(self, info: ValidationInfo) -> Compensate:
-        _widths(self.range, self.place, _design(info))
-        return self
+    @field_validator("range")
+    @classmethod
+    def _readable(cls, reach: str | float | None, info: ValidationInfo) -> str | float | None:
+        _widths(reach, info.data.get("place", ()), _design(info))
+        return reach
 
 
 class Study(StrictTable):
@@ -216,7 +219,7 @@ class Study(StrictTable):
     """Z of the decoder's target, from the main lens; the focal plane where left out."""
     perturb: tuple[Perturb, ...] = ()
     groups: tuple[Group, ...] = ()
-    required: bool = False
+    required: StrictBool = False
     """Whether the limits of the design's `[required]` count beside the goals; they do alone where there are none."""
     goals: Annotated[tuple[MetricGoal, ...], Field(validate_default=True)] = ()
     """Limits; where left out, those of the design's `[required]`."""

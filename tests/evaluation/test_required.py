@@ -8,6 +8,7 @@ import pytest
 import roslf_design as roslf
 from roslf_design.design import DesignError, dumps, loads
 from roslf_design.design.files import preset_path
+from roslf_design.errors import InputError
 from roslf_design.evaluation.evaluate import held_as_built
 from roslf_design.evaluation.required import AS_BUILT
 from roslf_design.reporting.sheet.lines import basis
@@ -78,6 +79,13 @@ def test_what_an_optimiser_held_to_its_tolerance_is_met():
     ):
         (verdict, *_) = roslf.evaluate(asked(f"{name} = {{min = {limit!r}}}")).verdicts
         assert verdict.ok is met, (name, limit)
+
+
+def test_a_limit_is_a_number_and_no_flag():
+    with pytest.raises(InputError) as caught:
+        asked("fill_factor = {max = true}\nu_z_mm = {min = false, max = 1}\naperture_constant = {max = 2}")
+    assert [problem.key for problem in caught.value.problems] == ["required.fill_factor.max", "required.u_z_mm.min"]
+    assert all("must be a number, or text with a unit" in problem.message for problem in caught.value.problems)
 
 
 def test_depth_that_is_required_says_what_it_counts_as_the_budget_has_it():

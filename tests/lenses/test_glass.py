@@ -9,9 +9,11 @@ import mpmath as mp
 import numpy as np
 import pytest
 
+from roslf_design.cli import main
 from roslf_design.errors import InputError
-from roslf_design.lenses.glass import AIR, find_glass, read_glass
+from roslf_design.lenses.glass import AIR, catalogue, find_glass, read_glass
 from roslf_design.lenses.glass_files import _load_glass
+from roslf_design.lenses.solid import find_solid
 
 DATA = tomllib.loads(files("roslf_design.lenses").joinpath("glasses.toml").read_text())
 D_LINE, F_LINE, C_LINE = 587.5618e-6, 486.1327e-6, 656.2725e-6
@@ -117,6 +119,27 @@ def test_unknown_glass_names_the_nearest_and_guesses_nothing():
         find_glass("N-BK8")
     assert find_glass("SF5") != find_glass("N-SF5")
     assert find_glass("silica") == find_glass("F_SILICA")
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [("quartz glas", "fused silica"), ("Fused Quartz", "fused silica"), ("borosilicate", "N-BK7"), ("BK 7", "BK7")],
+)
+def test_other_names_of_trades_are_suggested_and_taken_for_nothing(name, meant):
+    for find in (find_glass, find_solid):
+        with pytest.raises(InputError, match=f"'{name}' is n") as caught:
+            find(name)
+        assert meant.lower() in str(caught.value).lower() and len(str(caught.value)) < 200
+    assert find_glass(meant).index(0.55e-3) > 1
+
+
+def test_a_name_like_none_is_answered_by_a_few_and_by_what_lists_all(capsys):
+    with pytest.raises(InputError, match="N-BK7.* and others: `roslf catalogue` ends with all") as caught:
+        find_glass("germanium")
+    assert len(str(caught.value)) < 250
+    assert main(["catalogue"]) == 0
+    listed = capsys.readouterr().out.partition("Materials by name: ")[2].partition(".\n")[0].replace("\n", " ")
+    assert {find_glass(name) for name in listed.split(", ")} == set(catalogue().values())
 
 
 @pytest.mark.parametrize("wave", [0.299e-3, 2.501e-3, -0.5e-3, 0.0, np.nan, np.inf])

@@ -198,6 +198,18 @@ def test_bad_input_is_one_line_and_exit_2(capsys, tmp_path, old, new, said):
     assert not (tmp_path / "out").exists()
 
 
+def test_names_units_and_flags_are_told_together(capsys, tmp_path):
+    text = GOOD.replace('["0.5 mm", "9 mm"]', '["1 lx", "9 mm"]').replace("D_F = {", "D_G = {")
+    text = text.replace('"fill_factor"', '"fil_factor"').replace("check = false", 'check = "no"\nisres = 1')
+    text = f'required = "yes"\n{text}'
+    robust = '[[robust.perturb]]\nplace = "D_F"\ntolerance = "1 lx"\n'
+    code, _, err = run(capsys, "optimize", study(tmp_path, text + robust), "-o", tmp_path / "out")
+    told = ["d_2.min: ", "required: must be", "fil_factor", "check: must be true or false, got 'no'", "got 1", "'D_G'"]
+    assert code == 2 and not (tmp_path / "out").exists()
+    assert all(words in err for words in [*told, "robust.perturb.0: "])
+    assert len(err.strip().splitlines()) == len(told) + 1
+
+
 def test_a_bore_beyond_the_focus_and_a_file_in_the_way(capsys, tmp_path):
     text = GOOD.replace('D_F = {min = "1 mm", max = "4 mm", start = "9 mm"}\n', "")
     path = study(tmp_path, text + '[bore.tube]\ndiameter = "6 mm"\nlength = "400 mm"\ndistance = "110 mm"\n')

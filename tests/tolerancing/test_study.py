@@ -88,7 +88,11 @@ def test_every_fault_is_told_at_once_with_the_nearest_name():
             "design": "paper",
             "grad": "high",
             "goals": [{"metric": "fill_facter", "min": 1}, {"metric": "sigma_z_mm"}],
-            "perturb": [{"place": "aperture.tlt", "tolerance": "1 mrad"}, {"place": "d_3", "tolerance": "1 mrad"}],
+            "perturb": [
+                {"place": "aperture.tlt", "tolerance": "1 mrad"},
+                {"place": "d_3", "tolerance": "1 mrad", "opposed": "no"},
+            ],
+            "required": "yes",
             "fields": [[1, 2], "rim"],
             "compensators": [{"place": "sensor.distanc"}],
             "trials": -5,
@@ -98,12 +102,14 @@ def test_every_fault_is_told_at_once_with_the_nearest_name():
     assert "did you mean 'fill_factor'" in found["goals.0.metric"]
     assert "give min, max or both" in found["goals.1"]
     assert "did you mean 'aperture.tilt'" in found["perturb.0.place"]
-    assert "this is a length" in found["perturb.1"]
+    assert "this is a length" in found["perturb.1.tolerance"]
+    assert "true or false, got 'no'" in found["perturb.1.opposed"]
+    assert "true or false, got 'yes'" in found["required"]
     assert 'e.g. "1 mm"' in found["fields.0"]
     assert "centre, edge, corner" in found["fields.1"]
     assert "did you mean 'sensor.distance'" in found["compensators.0.place"]
     assert "trials" in found
-    assert len(found) == 9
+    assert len(found) == 11
 
 
 @pytest.mark.parametrize(
@@ -121,9 +127,9 @@ def test_every_fault_is_told_at_once_with_the_nearest_name():
         ({"perturb": [{"place": "sensor.tilt"}]}, "perturb.0.place", "does not cover it"),
         ({"perturb": [{"place": "d_3"}, {"place": "aperture.distance"}]}, "perturb.1.place", "twice"),
         ({"perturb": [{"place": "main_lens.focal_plane", "tolerance": "1 mm"}]}, "perturb", "one follows from two"),
-        ({"perturb": [{"place": "sensor.tilt", "tolerance": "1 %"}]}, "perturb.0", "absolute"),
-        ({"perturb": [{"place": "d_3", "tolerance": "-1 mm"}]}, "perturb.0", "not negative"),
-        ({"perturb": [{"place": "relay", "tolerance": "much"}]}, "perturb.0", "not a ratio"),
+        ({"perturb": [{"place": "sensor.tilt", "tolerance": "1 %"}]}, "perturb.0.tolerance", "absolute"),
+        ({"perturb": [{"place": "d_3", "tolerance": "-1 mm"}]}, "perturb.0.tolerance", "not negative"),
+        ({"perturb": [{"place": "relay", "tolerance": "much"}]}, "perturb.0.tolerance", "not a ratio"),
     ],
 )
 def test_faults_between_tables(change, key, words):
