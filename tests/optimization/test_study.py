@@ -205,7 +205,8 @@ def test_names_units_and_flags_are_told_together(capsys, tmp_path):
     robust = '[[robust.perturb]]\nplace = "D_F"\ntolerance = "1 lx"\n'
     code, _, err = run(capsys, "optimize", study(tmp_path, text + robust), "-o", tmp_path / "out")
     told = ["d_2.min: ", "required: must be", "fil_factor", "check: must be true or false, got 'no'", "got 1", "'D_G'"]
-    assert code == 2 and not (tmp_path / "out").exists()
+    assert code == 2
+    assert not (tmp_path / "out").exists()
     assert all(words in err for words in [*told, "robust.perturb.0: "])
     assert len(err.strip().splitlines()) == len(told) + 1
 
