@@ -24,6 +24,7 @@ from ..theory.limits import as_design, limits
 from ..theory.quantities import quantity_named
 from ..words import number
 from .groups import Verdict
+from .remedies import reaching
 from .specification import FieldImages, FieldOfView
 
 WAYS = "`roslf sweep` shows what moves it, and as a study's [[constraints]] `roslf optimize` holds it"
@@ -173,6 +174,9 @@ def requirements(
                 "detail keeps; smaller microlenses or a shorter distance raise it, and fold_lp_per_mm = "
                 f"{{{place}min = {low:g}}} requires it"
             )
+        elif not met and known is None and not undefined and not quantity.numeric:
+            alone = reaching(camera, quantity, at, low, high)
+            remedy = f"{alone}; {WAYS}" if alone else ""
         elif met and quantity.name == "working_distance_mm" and low is not None and high is not None:
             only, remedy = _of_the_focal_plane(camera, low, high)
         numbers = (at, low, high, shown)

@@ -19,7 +19,7 @@ from ..theory.colours import PIXEL_FILTERS
 from ..theory.depth_budget import DepthBudget
 from ..theory.disparity_error import share_saturated
 from ..theory.f_number import TOUCHING_PX, fill_factor, main_lens_f_number, matched, pupil_f_number
-from ..theory.focused import LEAST_VIEWS, FocusedArray, filtered_views, has_views, is_focused, pupil_remedy
+from ..theory.focused import LEAST_VIEWS, FocusedArray, filtered_views, has_views, pupil_remedy
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import outer_slope, sensor_field
 from ..theory.photometry import LARGEST_FILL, accepted, exposure, full_level, response
@@ -29,6 +29,7 @@ from ..words import length, listed, number, percent, place, the
 from .answer import EVEN, FirstAnswer
 from .fields import default_fields, field_openings
 from .groups import Field, Numbers, RealLens, Verdict
+from .remedies import ways_of
 
 SLACK_PX = 0.5
 """Overlap or gap of neighbouring microlens images that still counts as matched [px]."""
@@ -228,27 +229,11 @@ def _matched(camera: Camera, f: Numbers, traced: str) -> Verdict:
         f"{f.fill_factor:.4g}, {images}"
     )
     ways = {"d_2": matched(camera, "d_2"), "D_F": matched(camera, "D_F"), "d_3": matched(camera, "d_3")}
-    values = [(symbol, float(way.value)) for symbol, way in ways.items() if way.exists]
-    lengths = [_way(camera, symbol, value) for symbol, value in values if _stands(camera, symbol, value)]
+    values = {symbol: float(way.value) for symbol, way in ways.items() if way.exists}
+    lengths = ways_of(camera, values, lambda changed: fill_factor(changed) <= 1 + FEASIBLE)
     remedy = f"any one of these matches it exactly: {', '.join(lengths)}"
     none = "no single change of d_2, D_F or d_3 that fits the bore matches it; change the microlens pitch or the focus"
     return Verdict.of("f_number_matched", text, remedy if lengths else none)
-
-
-def _stands(camera: Camera, symbol: str, value: float) -> bool:
-    """Whether the FAP would go through tube and lens, or stand in no glass."""
-    if symbol == "d_3":
-        return not any(part.start < value < part.end for part in camera.in_bore)
-    return symbol == "d_2" or value <= float(tube.widest_fap(camera))
-
-
-def _way(camera: Camera, symbol: str, value: float) -> str:
-    """Length that matches, with the f_ml that keeps the microlenses on the pupil where their own would not."""
-    way, changed = f"{symbol} = {value:.5g} mm", camera.replace({symbol: value})
-    if is_focused(camera) or not is_focused(changed):
-        return way
-    focal = float(camera.replace({symbol: value}, in_focus=True).f_ml)
-    return f"{way} with f_ml = {focal:.5g} mm" if 0 < focal < math.inf else f"{way}, out of the microlenses' focus"
 
 
 def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdict:

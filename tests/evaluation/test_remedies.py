@@ -1,0 +1,57 @@
+"""Remedies with numbers: typed into the file as printed, each does what it says."""
+
+import re
+
+import numpy as np
+import pytest
+
+import roslf_design as roslf
+from roslf_design.camera import Camera
+from roslf_design.design import preset_names
+from roslf_design.evaluation.required import required_of
+from roslf_design.theory.quantities import QUANTITIES
+from roslf_design.units import parse_quantity
+
+SET = re.compile(r"\b(d_2|D_F|d_3) = ([\d.e-]+ mm)(?: with f_ml = ([\d.e-]+ mm))?")
+LIMITED = (
+    "fill_factor", "views_independent", "f_number_view", "telecentric_offset_mm", "non_distortion_room_mm",
+    "total_length_mm", "image_diameter_px", "view_baseline_mm",
+)  # fmt: skip
+
+
+def typed(design, text):
+    """Each change that a remedy prints, typed back."""
+    for symbol, value, focal in SET.findall(text):
+        changes = {symbol: value} | ({"f_ml": focal} if focal else {})
+        yield changes, design.replace({name: parse_quantity(length, "length") for name, length in changes.items()})
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_every_remedy_of_a_limit_holds_it_as_typed(name):
+    design = roslf.load(name).thin_twin
+    camera, told, random = Camera.of(design), 0, np.random.default_rng(len(name))
+    for quantity in (QUANTITIES[one] for one in LIMITED):
+        value = float(quantity(camera))
+        off = random.uniform(0.02, 0.3) * max(abs(value), 1e-3)
+        for limits in ({"max": value - off}, {"min": value + off}, {"min": value + off, "max": value + off}):
+            if quantity.fault_of_limits(limits.get("min"), limits.get("max")):
+                continue
+            asked = design.replace({"required": {quantity.name: limits}})
+            (one,) = required_of(asked)
+            for changes, changed in typed(asked, one.remedy):
+                (after,) = required_of(changed)
+                assert after.met, (quantity.name, limits, changes, after.value)
+                told += 1
+    assert told > 3
+
+
+@pytest.mark.parametrize("name", preset_names())
+@pytest.mark.parametrize("factor", [0.7, 1.13])
+def test_what_matches_the_f_number_leaves_no_overlap_as_typed(name, factor):
+    design = roslf.load(name).thin_twin
+    design = design.replace({"D_F": factor * float(Camera.of(design)["aperture.diameter"])})
+    verdict = next(one for one in roslf.evaluate(design, fields=[]).verdicts if one.name == "f_number_matched")
+    required = {"required": {"fill_factor": {"min": 0.99, "max": 1.0}}}
+    for changes, changed in typed(design.replace(required), verdict.remedy):
+        (one,) = required_of(changed)
+        assert one.met, (changes, one.value)
