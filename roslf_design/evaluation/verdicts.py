@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._arrays import product
 from ..bore.main_lens import IdealMainLens
 from ..camera import Camera
 from ..design import Design
@@ -239,7 +240,8 @@ def _matched(camera: Camera, f: Numbers, traced: str) -> Verdict:
 def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdict:
     """By Eq. 6; behind a real lens by its traced images, Eq. 6's bound beside it."""
     sees = (
-        f"the sensor sees {thin.field_half_width_mm:.4g} mm (half width), {thin.field_half_diagonal_mm:.4g} mm (corner)"
+        f"the sensor sees {thin.field_half_width_mm:.4g} mm (half width), {thin.field_half_diagonal_mm:.4g} mm "
+        f"(corner); {_shifted(camera)}"
     )
     by_thin = "" if thin.undistorted_in_field else _field_remedy(camera, thin)
     if lens is not None:
@@ -269,6 +271,15 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
         else "at any field"
     )
     return Verdict.of("field_undistorted", f"{UNCUT}: full {camera.fap.outline.kind}s {bound}; {sees}")
+
+
+def _shifted(camera: Camera) -> str:
+    """Words on how far images lie beside their microlenses, and why: no fault, and none where telecentric."""
+    corner = float(sensor_field(camera).radius)
+    shift = abs(corner * float(product(camera.seen.d_2, camera.seen.vergence)) / float(camera.q))
+    if shift < SLACK_PX:
+        return "shifted nowhere (telecentric)"
+    return f"shifted by {number(shift, 3)} px there, no fault once calibrated (0 with the exit pupil at infinity)"
 
 
 def lit(answer: FirstAnswer) -> Verdict:

@@ -184,8 +184,9 @@ def depth_budget(
     warmth = temperature_error(c, at)
     remark = "no temperature range is given (environment.range)"
     if warmth is not None:
-        coldest, warmest = (f"{_typical(c[place]):g}" for place in TEMPERATURES)
-        remark = f"{coldest} to {warmest} °C"
+        coldest, warmest = (_typical(c[place]) for place in TEMPERATURES)
+        middle = f"{(coldest + warmest) / 2:g} °C, where it is calibrated, or corrected for it"
+        remark = f"{coldest:g} to {warmest:g} °C about the middle, {middle}"
     alone = bool(calibration is not None and at is not None and np.isin(at, calibration.uncovered_mm).any())
     terms.append(BudgetTerm(WARMTH, "B", "trueness", warmth, remark))
     cautions = [MODEL_ALONE] * alone + [ABERRATED] * bool(c.lens.mounted)

@@ -355,8 +355,8 @@ def test_a_page_of_one_design(tmp_path, capsys, coarse_map):
     page = (tmp_path / "sheet.html").read_text()
     assert code == 0
     assert all(words in page for words in ("ISO 8600-3", "no tolerance study is at hand", "direction of view", "alias"))
-    assert "of lengths as drawn. Lengths as built are not in it: quote it of no camera" in " ".join(page.split())
-    assert "figure to quote" not in page
+    assert "quote it of no camera" in page
+    assert "not known here: <code>roslf datasheet</code> of a tolerance study has it" in " ".join(page.split())
     far = [row.remark for row in datasheet.basis(roslf.load("paper"), at=(200.0,)).rows if row.name == "U at 200 mm"]
     assert [remark.endswith("; lengths as built not in it") for remark in far] == [True]
 

@@ -276,9 +276,14 @@ def test_a_required_depth_counts_the_builds_of_the_first_look(without_figures, f
     assert required[-1].startswith("met: at most 1000 mm (U = 2000 mm); U = ")  # as tables show it
     assert "as drawn" not in required[-1]
     assert f" is {required[1]} (U = " in told.text
-    assert "figure to quote" not in tables["Depth, expected"].caption
-    assert "Lengths as built are not in it (as a first look builds them, U = " in tables["Depth, expected"].caption
-    assert "believe these, which the working range and required depths count" in tables["Depth, expected"].caption
+    drawn, built, calibrated = tables["Depth, expected"].rows[-3:]
+    assert drawn[0] == "U, lengths as drawn"
+    assert drawn[1] == tables["Depth, expected"].rows[0][1]
+    assert drawn[-1].endswith("quote it of no camera")
+    assert built[0] == "U, lengths as a first look builds them"
+    assert f"U = {built[1]}" in required[-1]
+    assert "the working range and required depths count it" in built[-1]
+    assert calibrated[1] == "–"
     names = [row[0] for table in ("Distances", "Depth, expected") for row in tables[table].rows]
     assert ("standard uncertainty u, as drawn" in names, "standard uncertainty u, as built" in names) == (True, False)
     glance = next(table for table in blocks(report, Table) if table.title == "What it sees")

@@ -575,23 +575,29 @@ def _spread(line: _SheetLine, sigma: Mapping[str, float]) -> str:
     return f"±\N{NO-BREAK SPACE}{number(grown * SIGMAS * sigma[line.key], 2, 1e-6 * abs(grown * (line.value or 0.0)))}"
 
 
-def _quoted(grounds: SpreadSources) -> str:
-    """Whether depth as expected is the figure to quote: not where lengths are taken as drawn."""
-    if grounds.build is not None or grounds.calibration is not None:
-        return "the figure to quote"
-    looked = ""
-    if grounds.looked is not None:
-        budget = depth_budget(Camera.of(grounds.design), build=grounds.looked)
-        u, expanded = (number(float(mm), 3) for mm in (budget.u_z_mm, budget.expanded_mm))
-        looked = (
-            f" (as a first look builds them, U = {expanded} mm and u = {u} mm: believe these, which the working range "
-        )
-        looked += "and required depths count)"
-    return (
-        f"of lengths as drawn. Lengths as built are not in it{looked}: quote it of no camera, but the figure of a "
-        "tolerance study's sheet (`roslf datasheet` of the study) or, after a calibration, of the sheet with it "
-        "(`--calibration`)"
-    )
+def _answers(grounds: SpreadSources) -> Iterator[_SheetLine]:
+    """Depth, expected, by how lengths are taken: each with when to quote it, or what tells it."""
+    camera, known = Camera.of(grounds.design), grounds.known
+    looked = grounds.build is None and grounds.looked is not None
+    of_uncalibrated = "quote it of cameras that nobody calibrates"
+    of_uncalibrated += "; the working range and required depths count it" if looked else ""
+    for lengths, budget, quote, tells in (
+        ("as drawn", depth_budget(camera), "compare designs by it; quote it of no camera", ""),
+        (
+            "as a first look builds them" if looked else "as built",
+            None if known.build is None else depth_budget(camera, build=known.build),
+            of_uncalibrated,
+            "not known here: `roslf datasheet` of a tolerance study has it",
+        ),
+        (
+            "as calibrated",
+            None if known.calibration is None else known.budget(camera, None),
+            "quote it of a camera after its calibration",
+            "not known here: `--calibration`, of one made or planned, tells it",
+        ),
+    ):
+        text, value = ("", float(budget.expanded_mm)) if budget is not None else (NONE, None)
+        yield _SheetLine(EXPECTED, f"U, lengths {lengths}", value, "mm", tells if budget is None else quote, "", text)
 
 
 def datasheet_section(grounds: SpreadSources) -> Section:
@@ -602,14 +608,14 @@ def datasheet_section(grounds: SpreadSources) -> Section:
     where = " ± at the focal plane is wherever a camera has that; elsewhere at the distance itself." if spreads else ""
     captions = {
         "Distances": SHARP,
-        EXPECTED: f"What a measured depth is to be believed to, on the axis in the focal plane: {_quoted(grounds)}."
-        + (" How far lengths are off is a part of it: it has no ± of its own." if spreads else ""),
+        EXPECTED: "What a measured depth is to be believed to, on the axis in the focal plane; its last lines say which "
+        "to quote of what." + (" How far lengths are off is a part of it: it has no ± of its own." if spreads else ""),
         DEPTH: "What photons and read noise alone allow, one standard deviation of one measurement, "
         f"{depth_basis(grounds.sheet.depth_precision.assumes)}: no instrument reaches it.",
         "Object field": f"Ends are those of the working range{', lengths as drawn' if grounds.looked else ''}.{where}",
         "Resolution": USABLE + where,
     }
-    for line in grounds.rows:
+    for line in (*grounds.rows, *(_answers(grounds) if grounds.sheet.has_views else ())):
         if line.name == PARTS:  # too long for a cell
             captions[line.subject] = f"{line.text} parts: {line.remark}."
             continue
