@@ -608,7 +608,7 @@ def datasheet_section(grounds: SpreadSources) -> Section:
     where = " ± at the focal plane is wherever a camera has that; elsewhere at the distance itself." if spreads else ""
     captions = {
         "Distances": SHARP,
-        EXPECTED: "What a measured depth is to be believed to, on the axis in the focal plane; its last lines say which "
+        EXPECTED: "What a measured depth is to be believed to, on the axis in the focal plane; its last lines say "
         "to quote of what." + (" How far lengths are off is a part of it: it has no ± of its own." if spreads else ""),
         DEPTH: "What photons and read noise alone allow, one standard deviation of one measurement, "
         f"{depth_basis(grounds.sheet.depth_precision.assumes)}: no instrument reaches it.",
