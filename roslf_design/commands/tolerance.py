@@ -22,6 +22,7 @@ from ..reporting.tolerance.pages import (
     headline,
     impossible_words,
     loose_words,
+    remedies,
     share_words,
     short_words,
     tables,
@@ -140,6 +141,8 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
             f"All tolerances times {scale:.3g} give a yield of {share_words(reached)}; the target is "
             f"{100 * result.study.yield_target:.4g} %"
         )
+    if result.final.result.value < result.study.yield_target and not misses:
+        yield Paragraph(remedies(result))
     for grade, at_grade in result.grades:
         yield Paragraph(f"Grade {grade}: yield {share_words(at_grade)}")
     if result.budget is not None and result.budget.looser:

@@ -207,19 +207,35 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
     if misses:
         named = ", ".join(in_words(label) for label in misses)
         remedy = f"The nominal design itself misses its limits ({named}): change the design or the limits."
-    elif result.scale_for_target is None:
-        remedy = "No tolerance is tight enough: change the nominal design or the limits."
     else:
-        remedy = f"Tighten all tolerances to {result.scale_for_target[0]:.3g} of what they are, or the worst few."
-        adjusted = _adjustments(result)[:1]
-        if adjusted and (result.focusing is None or adjusted[0].steps[0][0] != result.focusing[0].place):
-            remedy += f" {words.sentence(_change_words(result, adjusted[0]))} gives {share_words(adjusted[0].result)}."
-        if result.budget is not None and result.budget.changes:
-            best = result.budget.changes[0]
-            remedy = (
-                f"Cheapest: {_change_words(result, best)} ({cost_words(best.cost)}); yield {share_words(best.result)}."
-            )
+        remedy = remedies(result)
     return Statement("bad", text, remedy)
+
+
+def remedies(result: StudyResult) -> str:
+    """What brings builds to the target yield, and what was tried in vain; of a nominal design that holds its limits."""
+
+    def told(change: Change) -> str:
+        return f"{_change_words(result, change)} ({cost_words(change.cost)}); yield {share_words(change.result)}."
+
+    if result.budget is not None and result.budget.changes:
+        best, *others = result.budget.changes
+        alone = [change for change in (best, *others) if change.kind in ("grade", "tightening")]
+        if not alone:
+            return f"Cheapest: {told(best)} No single tolerance reaches it, however tight."
+        return f"Cheapest: {told(best)}" + ("" if best == alone[0] else f" Of one tolerance alone: {told(alone[0])}")
+    remedy = "All tolerances together, down to a thousandth of what they are, do not reach it"
+    if result.scale_for_target is not None:
+        remedy = f"Tighten all tolerances to {result.scale_for_target[0]:.3g} of what they are, or the worst few"
+    elif result.budget is not None:
+        remedy += ", nor does one alone or an adjustment at assembly: change the nominal design or the limits"
+    else:
+        remedy += "; one alone and adjustments at assembly were not tried: `roslf tolerance` of a study tries them"
+    adjusted = _adjustments(result)[:1]
+    if adjusted and (result.focusing is None or adjusted[0].steps[0][0] != result.focusing[0].place):
+        more = _change_words(result, adjusted[0])
+        remedy += f". {more[:1].upper()}{more[1:]} gives {share_words(adjusted[0].result)}"
+    return f"{remedy}."
 
 
 def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
