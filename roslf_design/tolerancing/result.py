@@ -177,8 +177,7 @@ class StudyResult(BriefValue):
         """
         design, short = self.plan.question.design, []
         for one in required_of(design, self.built):
-            label, low, high = limit_of(one)
-            counted = any(own.label == label and own.low >= low and own.high <= high for own in self.final.limits)
+            counted = is_counted(self.final, one)
             alone = one.met and not counted and of_builds(one, bool(design.main_lens.kind.mounted))
             share = share_that_meets(self.plan, self.final, one) if alone else Yield(int(one.met), 1)
             if share.value < self.study.yield_target and not counted:
@@ -277,6 +276,13 @@ def share_that_meets(plan: TolerancePlan, final: Variant, one: Requirement) -> Y
     with np.errstate(all="ignore"):  # of builds that are no cameras
         held = one.holds(QUANTITIES[one.quantity](builds.camera, one.at_mm))
     return Yield(int(np.broadcast_to(held, good.shape)[good].sum()), int(good.sum()))
+
+
+def is_counted(final: Variant, one: Requirement) -> bool:
+    """Whether a study's limits, at a field or not, are as narrow as a requirement, so that its yield counts it."""
+    label, low, high = limit_of(one)
+    at_fields = (limit for limit in final.limits if limit.label.partition("@")[0] == label)
+    return any(low <= limit.low and limit.high <= high for limit in at_fields)
 
 
 def of_builds(one: Requirement, traced: bool) -> bool:

@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+import re
 
 import numpy as np
 import pytest
@@ -127,10 +128,11 @@ def test_what_is_required_says_how_many_builds_meet_it(tmp_path, capsys, monkeyp
     assert run(capsys, "datasheet", tmp_path / "study.toml", "-o", tmp_path / "a.json")[0] == 0
     lines = json.loads((tmp_path / "a.json").read_text())["lines"]
     across, fill, depth = (line for line in lines if line["subject"] == "Required")
-    share = float(across["remark"].removesuffix(" % of builds meet it").rpartition("; ")[2])
-    assert 40 < share < 60
+    share, count = re.search(r"; ([0-9.]+) % of ([0-9,]+) builds meet it$", across["remark"]).groups()
+    assert 40 < float(share) < 60
+    assert float(share) * int(count.replace(",", "")) / 100 % 1 == pytest.approx(0, abs=0.2)  # of so many
     assert across["two_sigma"] > 0
-    assert fill["remark"].endswith("100 % of builds meet it")  # the study's own limit
+    assert "; 100 % of " in fill["remark"]  # the study's own limit
     assert depth["remark"].endswith("of the nominal design")
     assert across["remark"].startswith("~ met as drawn: at least")  # below the target yield
     assert fill["remark"].startswith("met: ")

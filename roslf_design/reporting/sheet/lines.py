@@ -41,7 +41,7 @@ from ...theory.quantities import QUANTITIES
 from ...theory.quantity import Listed, Quantity
 from ...theory.stop_images import MicrolensImages
 from ...tolerancing.places import short_name
-from ...tolerancing.result import MANY, limit_of, of_builds, share_that_meets
+from ...tolerancing.result import MANY, is_counted, of_builds, share_that_meets
 from ...tolerancing.trials import first_builds, lengths_built
 from ...traced.fields import IdealImages
 from ...words import listed, number
@@ -157,16 +157,12 @@ class BuildSpread(NamedTuple):
                 deviations[line.key] = float(np.std(values, ddof=1))
         return {key: deviation for key, deviation in deviations.items() if math.isfinite(deviation)}
 
-    def share(self, one: Requirement) -> float:
-        """Share of the builds that are cameras that meet a requirement: the study's own limit, or the first of them."""
-        return share_that_meets(self.plan, self.final, one).value
-
     def judged(self, one: Requirement, traced: bool) -> Requirement:
         """Requirement with the share of builds that meet it: met as drawn, no more, below the target yield."""
         share, words, only, remedy = 1.0, "of the nominal design", one.only, one.remedy
         if of_builds(one, traced):
-            share = self.share(one)
-            words = f"{number(100 * share, 4)} % of builds meet it"
+            meeting = share_that_meets(self.plan, self.final, one)
+            share, words = meeting.value, f"{number(100 * meeting.value, 4)} % of {meeting.trials:,} builds meet it"
         if one.met and share < self.target:
             only = ", ".join(filter(None, ("as drawn", only)))
             more = f"tighter tolerances or adjustments, for {100 * self.target:.4g} % of builds to meet it"
@@ -175,12 +171,7 @@ class BuildSpread(NamedTuple):
 
     def uncounted(self, required: Iterable[Requirement]) -> list[str]:
         """Labels of what is required but held by no limit of the study, so that its yield does not count it."""
-
-        def counted(label: str, low: float, high: float) -> bool:
-            at_fields = (limit for limit in self.final.limits if limit.label.partition("@")[0] == label)
-            return any(low <= limit.low and limit.high <= high for limit in at_fields)
-
-        return [one.label for one in required if not counted(*limit_of(one))]
+        return [one.label for one in required if not is_counted(self.final, one)]
 
 
 class CalibrationSpread(NamedTuple):
