@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..drawing.marks import Area, Dots, Image, Key, Line, Mark, box_key, contours, parted
+from ..drawing.marks import Area, Dots, Image, Key, Line, Mark, box_key, contours, dot_key, line_key, parted
 from ..drawing.panel import Panel, Scale, colour_bar, named_ticks
 from ..drawing.picture import PAGE, Picture, beside, one_panel
 from ..theory.quantities import in_words
@@ -55,13 +55,18 @@ def _panel(swept: Sweep, name: str, title: str) -> Picture:
     (place, x), *second = swept.places.items()
     across = Scale(float(x.min()), float(x.max())) if np.ptp(x) > 0 else Scale.around(x)
     label = _label(place, swept.units[place])
+    within = all(axis.min() <= at <= axis.max() for axis, at in zip(swept.places.values(), swept.own, strict=True))
     if not second:
         shown = np.where(np.isfinite(values), values, np.nan)
         there = np.pad(np.isfinite(shown), 1)
         lone = there[1:-1] & ~there[:-2] & ~there[2:]  # no line goes to a neighbour
-        drawn = (Line(x, shown, "blue", 2.0), Dots(x[lone], shown[lone], "blue", size=3.0))
-        panel = Panel((0, 0, 1, 1), across, Scale.around(known), drawn, label, _label(name, unit), title)
-        return one_panel(f"sweep-{name}", name, (PAGE, TALL), panel, left=72, top=32 if title else 14)
+        up = Scale.around(known)
+        look = "vermillion", 1.2, "6 3"
+        here: list[Mark] = [Line([swept.own[0]] * 2, [up.low, up.high], *look, testid="own")] if within else []
+        drawn = (*here, Line(x, shown, "blue", 2.0), Dots(x[lone], shown[lone], "blue", size=3.0))
+        panel = Panel((0, 0, 1, 1), across, up, drawn, label, _label(name, unit), title)
+        keys = [line_key("the design", *look)] if within else []
+        return one_panel(f"sweep-{name}", name, (PAGE, TALL), panel, keys, left=72, top=32 if title else 14)
     other, y = second[0]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     high = high if high > low else low + 1.0
@@ -79,6 +84,9 @@ def _panel(swept: Sweep, name: str, title: str) -> Picture:
         middle = np.stack([x[none[:, 0]], y[none[:, 1]]], -1)
         corners = middle[:, None] + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * steps
         marks.append(Area(parted(corners[..., 0]), parted(corners[..., 1]), "grey", 0.9))
+    if within:
+        marks.append(Dots(swept.own[:1], swept.own[1:], "vermillion", size=6, edge="ground", width=2, testid="own"))
+        keys.append(dot_key("the design", "vermillion", size=6))
     panel = Panel((0, 0, 1, 1), across, up, tuple(marks), label, _label(other, swept.units[other]), title, grid="")
     picture = one_panel(
         f"sweep-{name}", name, (PAGE, TALL + 60), panel, keys, left=72, right=110, top=32 if title else 14

@@ -38,8 +38,10 @@ class Sweep:
     """True where there is a camera, shape (N,) or (N, M)."""
     follows: str | None
     """Conjugate that follows from what is swept, of f, d_f and d_1; None where none changes."""
-    at: float | None = None
+    at: float | None
     """Distance ahead of the bore's tip that quantities are asked for at [mm]; None: the focal plane."""
+    own: tuple[float, ...]
+    """The design's own value at each place."""
 
     def refused(self, design: Design) -> tuple[str, ...]:
         """Reasons why points have no camera, each once: those of up to `LOOKED_AT` of them."""
@@ -142,7 +144,9 @@ def sweep(
     units = {quantity.name: quantity.unit for quantity in known}
     units |= {place: unit_of(place) for place in axes}
     follows = follower([PATHS.get(place, place) for place in axes])
-    return Sweep(axes, values, units, valid.reshape(shape), follows, at)
+    here = Camera.of(design)
+    own = tuple(float(here[PATHS.get(place, place)]) for place in axes)
+    return Sweep(axes, values, units, valid.reshape(shape), follows, at, own)
 
 
 UNITS = {

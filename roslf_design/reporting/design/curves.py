@@ -51,6 +51,9 @@ if TYPE_CHECKING:
 
 LOOKS = (("blue", ""), ("orange", "7 4"), ("green", "8 3 2 3"))
 """Colour and line of each design that is compared."""
+BOUND = "purple", 1.6, "8 3 2 3"
+"""Colour, width and line of the bound of depth, beside depth, expected: told apart with any colour vision, and in grey.
+"""
 UNKNOWN = box_key("unknown", "grey", 0.9, hatch=True)
 ABOUT = 0.4, 1.8
 """Ends of the distances drawn, in distances of the focal plane, where depth is of use at none or at all."""
@@ -150,7 +153,7 @@ def depth_precision(design: Design, size: Point = (560, 320), known: KnownLength
     distance, expected, sigma, blur, ahead, focus, _, counts = curve = _depth_curve(design, 121, known)
     keys = [
         line_key(f"u_Z, depth, expected, 1 σ, {counts}", "blue", 2.2),
-        line_key("σ_Z, its bound by photons and read noise", "blue", 0.9),
+        line_key("σ_Z, its bound by photons and read noise", *BOUND),
         line_key("spread of a point on the MLA (right axis)", "orange", 1.8, "7 4"),
     ]
     finite = np.isfinite(expected)
@@ -175,14 +178,14 @@ def depth_precision(design: Design, size: Point = (560, 320), known: KnownLength
         dots.append(Dots([ahead], [focus], "vermillion", size=6, edge="ground", width=2))
     marks: tuple[Mark, ...] = (
         Line([ahead] * 2, [up.low, up.high], "grey", 1.2, "6 3"),
-        Line(distance[finite], sigma[finite], "blue", 0.9, testid="sigma-curve"),
+        Line(distance[finite], sigma[finite], *BOUND, testid="sigma-curve"),
         Line(distance[finite], expected[finite], "blue", 2.2, testid="depth-curve"),
         *dots,
         *(replace(mark, y=[up.low, up.high]) if isinstance(mark, Line) else mark for mark in asked),
         Text(ahead, up.high, words, "ink", SMALL, "start", start - at, 14, halo=True),
     )
     labels = "distance ahead of the tip [mm]", "depth, 1 σ [mm]"
-    panel = Panel((0, 0, 1, 1), across, up, marks, *labels, y_colour="blue")
+    panel = Panel((0, 0, 1, 1), across, up, marks, *labels)
     title = f"Depth, expected, of {design.name}: {sharp} at the focal plane, {ahead:.4g} mm ahead of the tip"
     tall = size[1] + legend_height(told, size[0] - 24)
     picture = one_panel("depth", title, (size[0], tall), panel, [*keys, *told], right=56)
@@ -260,11 +263,11 @@ def depth_over_field(design: Design, size: Point = (560, 320)) -> Picture:
     drawn: Mark = Line(place[known], shown[known], "blue", 2.2, testid="field-curve")
     if not place[-1] > 0:  # a single microlens sees all
         drawn = Dots(place[known][:1], shown[known][:1], "blue", size=6, testid="field-curve")
-    marks = (*_unknown(place, known, up), Line(place[known], bound[known], "blue", 0.9), drawn)
+    marks = (*_unknown(place, known, up), Line(place[known], bound[known], *BOUND), drawn)
     labels = "microlens, from the field's centre to its corner [mm]", "depth, 1 σ [mm]"
     keys = [
         line_key("u_Z, depth, expected, in the plane in focus, lengths as drawn", "blue", 2.2),
-        line_key("σ_Z, its bound by photons and read noise", "blue", 0.9),
+        line_key("σ_Z, its bound by photons and read noise", *BOUND),
         *([] if known.all() else [UNKNOWN]),
     ]
     ends = [f"{short(float(value), 3)} mm" if math.isfinite(value) else "unknown" for value in expected[[0, -1]]]
