@@ -455,6 +455,16 @@ def test_a_sweep_says_what_its_picture_leaves_out(tmp_path, capsys):
     assert b"no camera" in sweep_picture(within, "scope").svg_file()
 
 
+def test_a_sweep_marks_the_design_where_it_is_among_what_is_swept():
+    design = roslf.load("paper")
+    for places, marked in (({"d_3": [20.0, 130.0]}, True), ({"d_3": [20.0, 60.0]}, False)):
+        for more in ({}, {"D_F": [2.0, 3.0]}):
+            (panel,) = sweep_picture(roslf.sweep(design, places | more, ["fill_factor"]), "paper").panels[:1]
+            own = [mark for mark in panel.marks if getattr(mark, "testid", "") == "own"]
+            assert [float(mark.x[0]) for mark in own] == [120.0] * marked
+            assert [float(mark.y[0]) for mark in own if more] == [2.9] * (marked and bool(more))
+
+
 def test_a_sweep_says_which_length_follows(tmp_path, capsys):
     """As in Design.replace: the array stays where f is swept, though the file gives the focal plane."""
     arguments = (

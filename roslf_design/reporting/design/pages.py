@@ -170,7 +170,7 @@ def design_report(
         *(one.section for one in studied),
         _accuracy_section(design, result, accuracy),
         Section("Assumptions and what was left out", _assumptions(design, result)),
-        Section("Terms", (Table(tuple(TERMS.items()), "ll", ("term", "what it is")),)),
+        Section("Terms", (Table(tuple(TERMS.items()), "ll", ("term", "what it is"), widths=(18, 0), dense=True),)),
         making(command, tuple(one.seed for one in studied if one.seed), stamp, design),
     )
     return Report(design.name, design.source, sections)
