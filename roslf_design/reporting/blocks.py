@@ -56,6 +56,10 @@ class Statements:
     items: tuple[Statement, ...]
 
 
+HALF = 545.0
+"""Width of a picture up to which two stand side by side on a wide page [px]."""
+
+
 @dataclass(frozen=True)
 class Figure:
     """A vector drawing, or a picture."""
@@ -73,12 +77,16 @@ class Figure:
     """JSON of `viewer.scene_data`: the same scene, to be turned on a page that can do it; empty for none."""
     breaks: float = 0.0
     """Share of its height after which it may go on another page; 0 for nowhere."""
+    half: bool = False
+    """Whether two such stand side by side on a wide page."""
 
     @classmethod
     def of(cls, name: str, title: str, caption: str, picture: Picture) -> Figure:
         """A picture as a figure, described by its title and caption."""
         svg = picture.svg(name=name)
-        return cls(name, title, caption, svg, f"{title}. {caption}", breaks=picture.breaks)
+        return cls(
+            name, title, caption, svg, f"{title}. {caption}", breaks=picture.breaks, half=picture.size[0] <= HALF
+        )
 
     def _repr_mimebundle_(self, **_: object) -> dict[str, str]:
         """Figure as notebooks show it."""

@@ -389,6 +389,13 @@ def _change(result: Result) -> Iterator[Figure]:
             moved.append(f"{in_words(goal.label)} {goal.with_unit(old, 4)} → {reached}")
     moved += [f"{name} {number(was[name], 4)} → {number(values[name], 4)} mm" for name in values if name in was]
     caption = f"The camera and {ray_words(after)}, {', '.join(scales)}. What changed: {'; '.join(moved)}."
+    of_camera = {one: float(np.ravel(one.values(camera))[0]) for one in answer.asked.constraints if one.field is None}
+    missed = [
+        f"{in_words(str(one))}: {number(was, 4)}"
+        for one, was in of_camera.items()
+        if not one.quantity.within(one.min, one.max, was)
+    ]
+    caption += f" Before, limits were missed: {'; '.join(missed)}." if missed else ""
     title = f"{before.name} and {after.name}"
     yield Figure.of("optimize-change", "Before and after", caption, beside("change", title, pictures, down=True))
 

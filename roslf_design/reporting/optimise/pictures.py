@@ -203,7 +203,7 @@ def bore_and_stop(field: Array, bore: Array, stop: Array, misplaced: Array) -> P
         marks += [Line(field, values, colour, 1.8, dash), Dots(field, values, colour, sign, 3.5)]
         keys.append(line_key(name, colour, 1.8, dash, Dots((0.0,), (0.0,), colour, sign, 3.5)))
     up = Scale(0.0, 1.06 * max(float(np.max([bore, stop, misplaced])), 1e-9))
-    labels = "microlens position from the axis [mm]", "share of the stop's light [1]"
+    labels = "microlens position from the axis [mm]", "share of the stop's light"
     panel = Panel((0, 0, 1, 1), Scale.around(field, 0.03), up, tuple(marks), *labels)
     return one_panel("bore", "Light through the bore and through its equivalent stop", (576, 310), panel, keys)
 

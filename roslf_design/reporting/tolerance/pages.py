@@ -43,6 +43,11 @@ MOST_FAULTS = 4
 """Reasons why builds cannot be put together that a sentence names."""
 FOCUS = {"microlens_array.distance": "focus the array", "sensor.distance": "focus the sensor behind the array"}
 """Adjustments by what a lens maker calls them."""
+TOLERANCE_WIDTHS = {
+    "parameter": 7.5, "± tolerance": 6, "mends [%]": 4.5, "r² [%]": 3.5, "alone up to": 7.5, "until it fails": 10,
+    "shared budget": 6.5, "for the target yield": 6,
+}  # fmt: skip
+"""Widths of the columns of tolerances; their sources have the rest."""
 MOST_ROWS = 15
 """Tolerances that a table shows."""
 MOST_CHANGES = 8
@@ -422,7 +427,10 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
             f"nominal; it ranks with r², each for the builds that fail its way. {caption}"
         )
     ranked = sorted(result.plan.draws.perturbations, key=lambda p: order.index(p.place))
-    table = Table.of(ranked, columns if brief else (*columns, source), "Tolerances", caption)
+    shown = columns if brief else (*columns, source)
+    table = Table.of(ranked, shown, "Tolerances", caption)
+    if not brief:
+        table = replace(table, widths=tuple(TOLERANCE_WIDTHS.get(heading, 0) for heading, *_ in shown), dense=True)
     if len(ranked) > MOST_ROWS:
         caption = f"The {MOST_ROWS} that matter most of {len(ranked)}; all are in tables/tolerances.csv. {caption}"
         return replace(table, rows=table.rows[:MOST_ROWS], left=table.rows[MOST_ROWS:], caption=caption)
