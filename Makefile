@@ -16,7 +16,7 @@ test: $(INSTALLED_DEV)
 # Hundreds of tests start programs: each would compile the package's sources again where Python keeps no bytecode.
 pytest: export PYTHONDONTWRITEBYTECODE =
 pytest: $(INSTALLED_DEV)
-	$(BIN)/python -m pytest -n 3 --dist worksteal
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 lint: $(INSTALLED_DEV)
 	$(BIN)/ruff check .
