@@ -123,7 +123,7 @@ def found_once():
 
     with pytest.MonkeyPatch.context() as patch:
         places = [(module, "find_centres") for module in (outcome, raw, reference)]
-        for place, name in (*places, (corners, "fit_saddles"), (ImageFit, "of")):
+        for place, name in (*places, (corners, "find_corners"), (corners, "fit_saddles"), (ImageFit, "of")):
             patch.setattr(place, name, remembered(getattr(place, name)))
         yield known
 

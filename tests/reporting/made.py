@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from roslf_design.reporting import story
+from roslf_design.reporting import printers, story
 from roslf_design.reporting.blocks import Figure
 from roslf_design.reporting.design import curves, pages
 from roslf_design.reporting.sheet import lines as datasheet
@@ -31,7 +31,7 @@ def few_builds(patch):
     Detail that single views resolve scatters as the refocused image's, and curves of MTF are polygons of seven points:
     where microlens images are long, the transfer of views takes many times the work of all else.
     Without predicted depth precision, which is many times the work of all else; its curve over distance, half of what a
-    whole report takes, is a polygon too.
+    whole report takes, is a polygon too. Pages of PDFs are filled by trying two figures smaller, not sixteen.
     """
     look, study, over_distance = story._quick_tolerances, story.quick_study, curves._depth_curve
     detail, mtf = datasheet._resolution, FieldTransfer.__call__
@@ -56,6 +56,7 @@ def few_builds(patch):
     patch.setattr(datasheet, "MANY", 64)
     patch.setattr(resolution, "COLUMNS", 3)
     patch.setattr(resolution, "ROWS", 3)
+    patch.setattr(printers, "MOST_TRIED", 2)
     patch.setattr(story, "quick_study", without_depth)
     patch.setattr(story, "_quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
 
