@@ -16,7 +16,7 @@ gc.disable()  # until all tests are read, of which nothing goes: looking for wha
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Threads of kernels too: between two calls they would spin for some milliseconds each time, half of all processor time.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-# Workers keep the memory that arrays gave back: to return it and be given it anew, page by page, is a tenth of their time.
+# Workers keep what arrays gave back: memory returned and given anew, page by page, costs up to a tenth of their time.
 for limit in ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"):
     os.environ.setdefault(limit, str(1 << 30))
 
