@@ -50,8 +50,7 @@ def straightened(disparity: Array, window: int, error: float, times: int = 1) ->
     total, count = (
         ndimage.uniform_filter(part.astype(float), 2 * window + 1, mode="constant") for part in (bent, whole)
     )
-    known = count > 0.5 / (2 * window + 1) ** 2  # less is rounding
-    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    nearest = ndimage.distance_transform_edt(~whole, return_distances=False, return_indices=True)
     bend = (total / np.maximum(count, 1e-12))[tuple(nearest)]
     return disparity - np.where(stepped, 0, times * bend)
 
