@@ -176,9 +176,11 @@ class _Phases(NamedTuple):
     def of(cls, light: ViewLight, most: int, side: int, shared: bool = False) -> _Phases:
         """At so many nodes along each axis, at most, by so many waves."""
         rows, columns, parts = light.parts
+        # Behind a real lens what neighbours' light shows bends over the field as images grow.
+        counts = light.nodes.few if light.real is None else (rows.size, columns.size)
         few, some = (
             np.unique(np.linspace(0, at.size - 1, min(at.size, most, count)).round().astype(np.intp))
-            for at, count in zip((rows, columns), light.nodes.few, strict=True)
+            for at, count in zip((rows, columns), counts, strict=True)
         )
         nodes = (few[:, None] * columns.size + some).ravel()
         parts = ImageParts(parts.steps, *(part[:, nodes] for part in parts[1:]))
