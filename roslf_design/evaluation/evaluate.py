@@ -50,7 +50,7 @@ from .groups import (
 from .required import Requirement, requirements
 from .result import Evaluation
 from .specification import FieldImages, depth_assumptions
-from .verdicts import buildable, depth_behind_lens, sharp_over_field, verdicts_of, warnings_of
+from .verdicts import buildable, sharp_over_field, verdicts_of, warnings_of
 from .working_range import WorkingRange
 
 METHOD = (
@@ -167,7 +167,7 @@ def evaluate(
     if traced is not None:
         method.append(TRACED)
     method += filter(None, [design.main_lens.kind.untold])
-    lenses = *sharp_over_field(answer, traced), *depth_behind_lens(camera, traced, budget), *buildable(design, camera)
+    lenses = *sharp_over_field(answer, traced), *buildable(design, camera)
     return Evaluation(
         design=design.name,
         answer=answer,

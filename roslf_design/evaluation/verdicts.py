@@ -17,10 +17,9 @@ from ..lenses.glass import ROOM
 from ..shapes.lattice import PACKINGS
 from ..theory import tube
 from ..theory.colours import PIXEL_FILTERS
-from ..theory.depth_budget import DepthBudget
 from ..theory.disparity_error import share_saturated
 from ..theory.f_number import TOUCHING_PX, fill_factor, main_lens_f_number, matched, pupil_f_number
-from ..theory.focused import LEAST_VIEWS, FocusedArray, filtered_views, has_views, pupil_remedy
+from ..theory.focused import LEAST_VIEWS, FocusedArray, filtered_views, pupil_remedy
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import outer_slope, sensor_field
 from ..theory.photometry import LARGEST_FILL, accepted, exposure, full_level, response
@@ -46,11 +45,6 @@ UNCUT, CUT_IN_IT = "microlens images uncut over the field", "microlens images cu
 """The paper's undistorted field, or not, in words that no picture's distortion is taken for."""
 SHARP = 0.5
 """Part of the middle's detail that the corner of the field shows from which sharpness holds over the field."""
-LEFT = 0.02
-"""Share of the way that aberrations spread an object point over the array which depth behind a real lens is off by, at
-most: 1.2 to 1.9 % were measured behind a fast singlet at two apertures, 0.1 to 0.3 % behind the paper's."""
-ROUND = 2 * math.sqrt(2)
-"""Disparity between the FAP's rims, of light out of focus that spreads evenly, over its rms radius."""
 TAKEN_LOSS = 0.01
 """Share of light lost to slanting rays from which it is told."""
 WIDEST_PIXEL = 0.05
@@ -150,28 +144,6 @@ def sharp_over_field(answer: FirstAnswer, lens: RealLens | None) -> tuple[Verdic
         'what single views keep; studies hold it by quantity = "spot_pitches" with a field'
     )
     return (Verdict("sharp_over_field", False, "limit", text, remedy),)
-
-
-def depth_behind_lens(camera: Camera, lens: RealLens | None, budget: DepthBudget) -> tuple[Verdict, ...]:
-    """Whether a real lens's aberrations leave more bias of depth than its uncertainty counts; nothing where not."""
-    fields = [(one.blur_pitches, one.x_ml_mm) for one in lens.fields if one.blur_pitches] if lens else []
-    if not lens or not fields or not has_views(camera):
-        return ()
-    blur, at = max(fields)
-    rate = abs(float(QUANTITIES["disparity_pitches_per_mm"](camera)))
-    off, u = LEFT * ROUND * blur / rate, float(budget.u_z_mm)
-    if off <= u:
-        return ()
-    text = (
-        f"depth behind {lens.lens}: aberrations put views up to {number(ROUND * blur, 3)} pitches out of focus "
-        f"(at {place(at, 4)} mm on the MLA); up to {100 * LEFT:g} % of that can stay in measured depths as a bias, "
-        f"here {number(off, 2)} mm in focus, which u = {number(u, 3)} mm does not count"
-    )
-    remedy = (
-        "`roslf depth` with a --region there measures bias and scatter; a better corrected lens or a smaller FAP "
-        "lowers it; a wall at known distances tells what to take off"
-    )
-    return (Verdict("depth_behind_lens", False, "limit", text, remedy),)
 
 
 def _focused(camera: Camera, array: FocusedArray) -> Verdict:

@@ -335,7 +335,6 @@ TITLES = {
     "thin_lens_holds": "thin lens",
     "corner_lit": "corner light",
     "sharp_over_field": "corner detail",
-    "depth_behind_lens": "lens, depth",
     "lens_speed": "lens speed",
     "microlens_speed": "array speed",
 }
@@ -430,8 +429,6 @@ def _margin(evaluation: Evaluation, verdict: Verdict) -> str:
         return f"{100 * evaluation.answer.corner_light:.3g} %"
     if name == "sharp_over_field":
         return f"{short(evaluation.answer.corner_lp_per_mm or 0.0, 2)} lp/mm"
-    if name == "depth_behind_lens":
-        return "biased"
     if name == "lens_speed":
         return f"f/{short(evaluation.f_number.main_lens, 3)}"
     if name == "microlens_speed":

@@ -26,7 +26,6 @@ COVERAGE = 2
 NOISE, MISMATCH, VEIL, OVERLAP = "shot and read noise", "view mismatch", "veil", "image overlap"
 BUILT, CALIBRATED, WARMTH = "lengths as built", "lengths as calibrated", "temperature"
 MODEL_ALONE = "no board covers that distance: there the model alone tells depth"
-ABERRATED = "a bias by the real lens's aberrations is not in it: `roslf depth` measures it"
 GIVEN = "in the disparity error that the design gives"
 Kind = Literal["precision", "trueness"]
 KINDS: tuple[Kind, ...] = ("precision", "trueness")
@@ -189,8 +188,7 @@ def depth_budget(
         remark = f"{coldest:g} to {warmest:g} °C about the middle, {middle}"
     alone = bool(calibration is not None and at is not None and np.isin(at, calibration.uncovered_mm).any())
     terms.append(BudgetTerm(WARMTH, "B", "trueness", warmth, remark))
-    cautions = [MODEL_ALONE] * alone + [ABERRATED] * bool(c.lens.mounted)
-    return DepthBudget(tuple(terms), sigmas[0], "; ".join(cautions))
+    return DepthBudget(tuple(terms), sigmas[0], MODEL_ALONE * alone)
 
 
 def _lengths(

@@ -11,7 +11,7 @@ from roslf_design.design import preset_names
 from roslf_design.evaluation.required import required_of
 from roslf_design.reporting.design.pages import design_report
 from roslf_design.reporting.sheet.lines import basis
-from roslf_design.theory.depth_budget import ABERRATED, WARMTH, depth_budget
+from roslf_design.theory.depth_budget import WARMTH, depth_budget
 from roslf_design.theory.focused import has_views
 from roslf_design.tolerancing.metrics import Question, evaluate_builds
 
@@ -54,16 +54,3 @@ def test_temperature_is_that_of_the_camera_made_cold_and_warm():
     moved = abs(warm.d_f - cold.d_f) / 2  # of the plane in focus, from a principal plane that moves by some um
     term = next(term for term in depth_budget(Camera.of(SINGLET)).terms if term.name == WARMTH)
     assert term.u_mm == pytest.approx(moved * (37 - 15) / 2 / math.sqrt(3), rel=1e-3)
-
-
-def test_behind_a_real_lens_every_budget_says_that_the_bias_of_aberrations_is_not_in_it():
-    singlet = roslf.load("paper-singlet")
-    result, thin = roslf.evaluate(singlet), roslf.evaluate(singlet.thin_twin)
-    assert ABERRATED in result.depth_budget.counted
-    assert ABERRATED in next(row.remark for row in basis(singlet).rows if row.name.startswith("expanded uncertainty U"))
-    assert ABERRATED not in thin.depth_budget.counted
-    (verdict,) = [verdict for verdict in result.verdicts if verdict.name == "depth_behind_lens"]
-    corner = max(result.real_lens.fields, key=lambda field: field.blur_pitches)
-    assert f"{2 * math.sqrt(2) * corner.blur_pitches:.3g} pitches out of focus" in verdict.text
-    small = roslf.evaluate(singlet.replace({"aperture.diameter": 0.3, "microlens_array.size": (1.0, 1.0)}), [0.0])
-    assert not [verdict for verdict in (*thin.verdicts, *small.verdicts) if verdict.name == "depth_behind_lens"]
