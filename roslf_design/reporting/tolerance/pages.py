@@ -198,8 +198,8 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
         question = result.plan.question
         ahead = _focus(question.design) + question.object_distance - question.design.d_f
         text += (
-            f" Its depth error, {number(ahead)} mm ahead, is what lengths add. Of a measured depth believe what is "
-            "expected, which counts noise and view mismatch, too."
+            f" Its limit on depth error, {number(ahead)} mm ahead, is on what lengths add alone: of a measured depth "
+            "believe depth, expected, which counts noise and view mismatch, too."
         )
     if result.left_out:
         text += f" {in_words(result.left_out)}"
@@ -218,7 +218,7 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
 
 
 def remedies(result: StudyResult) -> str:
-    """What brings builds to the target yield, and what was tried in vain; of a nominal design that holds its limits."""
+    """Ways to bring builds to the target yield, and what was tried in vain; of a nominal design within its limits."""
 
     def told(change: Change) -> str:
         return f"{_change_words(result, change)} ({cost_words(change.cost)}); yield {share_words(change.result)}."
