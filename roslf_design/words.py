@@ -88,6 +88,15 @@ def number(value: float, digits: int = 5, zero: float = ROUNDING) -> str:
     return f"{float(text):.0f}" if "e+0" in text and abs(float(text)) < 1e5 else text
 
 
+def on_side(value: float, up: bool, digits: int = 5) -> str:
+    """Digits of a number that are not less than it, or else not more: a limit that they meet, it meets."""
+    if not math.isfinite(value) or abs(value) < ROUNDING:
+        return number(value)
+    step = 10.0 ** (math.floor(math.log10(abs(value))) + 1 - digits)
+    whole = math.ceil(value / step - 1e-9) if up else math.floor(value / step + 1e-9)
+    return number(whole * step, digits)
+
+
 def tidy(value: float) -> str:
     """A number that is about right, to two digits, but all of those before the point: "0.13", "130"."""
     return f"{value:.0f}" if abs(value) >= 10 else f"{value:.2g}"

@@ -25,7 +25,7 @@ from ..theory.light import outer_slope, sensor_field
 from ..theory.photometry import LARGEST_FILL, accepted, exposure, full_level, response
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import FEASIBLE
-from ..words import length, listed, number, percent, place, the
+from ..words import length, listed, number, on_side, percent, place, the
 from .answer import EVEN, FirstAnswer
 from .fields import default_fields, field_openings
 from .groups import Field, Numbers, RealLens, Verdict
@@ -285,7 +285,7 @@ def _fits(camera: Camera) -> Verdict:
         return Verdict.of("fits_tube", text)
     parts = [f"{part.name} ({float(part.width):.4g} mm, {float(part.width) - room:.4g} mm too much)" for part in wide]
     text = f"does not fit inside the tube: {holds}; too wide: {', '.join(parts)}{uncounted}"
-    needed = _rounded_up(max(float(part.width) for part in wide) + 2 * wall)
+    needed = on_side(max(float(part.width) for part in wide) + 2 * wall, True, 4)
     return Verdict.of("fits_tube", text, f"smaller ones, or a tube of {needed} mm outside")
 
 
@@ -296,19 +296,13 @@ def _field_remedy(camera: Camera, field: Numbers) -> str:
         return f"the tube leaves no room to widen {the(field.limited_by)}: {others}, or a wider tube, frees the field"
     if field.limited_by == "main lens":
         return (
-            f"a main lens of {_rounded_up(float(camera.D) + grow)} mm clear aperture frees the whole field; "
+            f"a main lens of {on_side(float(camera.D) + grow, True, 4)} mm clear aperture frees the whole field; "
             "a smaller FAP, a FAP closer to the lens or a smaller sensor helps too"
         )
     if field.limited_by.endswith("mapping"):
         largest = math.degrees(camera.mapping.widest)
         return f"the objective images no farther than {largest:.4g} degrees in air; use a smaller sensor or FAP"
-    return f"widen {the(field.limited_by)} by {_rounded_up(grow)} mm, or use {others}"
-
-
-def _rounded_up(length: float) -> str:
-    """Four digits that are not less than a length above 0."""
-    step = 10.0 ** (math.floor(math.log10(length)) - 3)
-    return f"{math.ceil(length / step) * step:.4g}"
+    return f"widen {the(field.limited_by)} by {on_side(grow, True, 4)} mm, or use {others}"
 
 
 def _resolved(camera: Camera, sampling: Numbers) -> Verdict:

@@ -12,7 +12,7 @@ import numpy as np
 
 from .._arrays import Array, by_value
 from ..theory.quantity import FEASIBLE
-from ..words import listed, number
+from ..words import listed, number, on_side
 from .goals import Side
 from .problem import FRESH_POINTS, DesignProblem, sobol_units
 from .search import Guard, SearchBudget, least_violation, violation_of
@@ -42,6 +42,11 @@ class _Relaxation:
     needed: float | None
     """Limit that would make the problem feasible; None where moving it alone does not help."""
     unit: str
+
+    @property
+    def feasible_from(self) -> str:
+        """Digits of the limit that would do, on its side; empty where moving it alone does not help."""
+        return "" if self.needed is None else on_side(self.needed, self.label.endswith("<="), 6)
 
 
 @by_value
@@ -83,9 +88,10 @@ class Conflict:
     @property
     def missed(self) -> str:
         """Every limit that the least-violating point misses, with what it has there, in words; empty where none."""
+        units = [f" {one.unit}" if one.unit else "" for one in self.violations]
         got = [
-            f"{one.limit} {number(one.wanted)} (got {number(one.value)}{f' {one.unit}' if one.unit else ''})"
-            for one in self.violations
+            f"{one.limit} {number(one.wanted)}{unit} (got {number(one.value)}{unit})"
+            for one, unit in zip(self.violations, units, strict=True)
         ]
         return f"The least-violating point misses {listed(got)}." if got else ""
 

@@ -4,6 +4,8 @@ import re
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
@@ -11,6 +13,7 @@ from roslf_design.design import preset_names
 from roslf_design.evaluation.required import required_of
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.units import parse_quantity
+from roslf_design.words import on_side
 
 SET = re.compile(r"\b(d_2|D_F|d_3) = ([\d.e-]+ mm)(?: with f_ml = ([\d.e-]+ mm))?")
 LIMITED = (
@@ -55,3 +58,12 @@ def test_what_matches_the_f_number_leaves_no_overlap_as_typed(name, factor):
     for changes, changed in typed(design.replace(required), verdict.remedy):
         (one,) = required_of(changed)
         assert one.met, (changes, one.value)
+
+
+@given(st.floats(1e-9, 1e9), st.integers(2, 9), st.sampled_from([-1.0, 1.0]))
+def test_digits_on_a_side_are_on_it_and_no_farther_than_one_of_the_last(size, digits, sign):
+    value = sign * size
+    for up in (True, False):
+        told = float(on_side(value, up, digits))
+        off = (told - value) if up else (value - told)
+        assert -1e-12 * size <= off <= 10.0 ** (np.floor(np.log10(size)) + 1 - digits) * (1 + 1e-6)

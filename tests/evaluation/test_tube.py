@@ -75,7 +75,8 @@ def test_no_aperture_is_advised_inside_a_window():
     """Where d_3 as it matches is known, a window about it in place of air."""
     bench = roslf.load("paper-mismatched")
     place = next(fix.changes["d_3"] for fix in proposals(bench) if fix.key == "match-d_3")
-    assert f"d_3 = {place:.5g} mm" in verdict(bench, "f_number_matched").remedy
+    told = float(verdict(bench, "f_number_matched").remedy.partition("d_3 = ")[2].split(" mm")[0])
+    assert place - 0.01 < told <= place  # on the side where images do not overlap
     window = {"kind": "plate", "distance": place - 4.0, "thickness": 12.0, "material": {"index": 1.0001}}
     assert "d_3 = " not in verdict(bench.replace({"elements": [window]}), "f_number_matched").remedy
 

@@ -185,11 +185,17 @@ def _about_focus(result: Result) -> Iterator[Statement]:
         return
     waves = {name: f"{float(microlens_defocus_waves(camera)):.2g} waves" for name, camera in blurred.items()}
     defocus = QUANTITIES["microlens_defocus_px"]
-    sizes = [f"{name} by {float(defocus(camera)):.3g} px ({waves[name]})" for name, camera in blurred.items()]
+    sizes = [f"{_called(name)} by {float(defocus(camera)):.3g} px ({waves[name]})" for name, camera in blurred.items()]
     text = f"Microlenses out of focus, which closed forms of images and views take for in focus: {', '.join(sizes)}."
     least = min(float(defocus(camera) / pupil_blur_ratio(camera)) for camera in blurred.values())
     remedy = f'Ask for it by [[constraints]]: quantity = "microlens_defocus_px", max = {least:.2g}'
     yield Statement("caution", text, f"{remedy}{'' if 'd_2' in result.answer.variables() else ', and let d_2 vary'}.")
+
+
+def _called(name: str) -> str:
+    """Design of a study's file in words; parts as their file is called."""
+    named = {"best": "the optimum", "robust": "the robust design", "least-violating": "the least-violating point"}
+    return named.get(name, name)
 
 
 def _about_making(result: Result) -> Iterator[Statement]:
@@ -197,8 +203,7 @@ def _about_making(result: Result) -> Iterator[Statement]:
     doubts: dict[str, Statement] = {}
     for name, design in result.designs():
         for doubt in buildable(design, Camera.of(design)):
-            of = "the optimum" if name == "best.toml" else name.removesuffix(".toml")
-            text = f"Of {of}: {doubt.text}."
+            text = f"Of {_called(name.removesuffix('.toml'))}: {doubt.text}."
             doubts.setdefault(doubt.name, Statement("caution", text, sentence(doubt.remedy)))
     yield from doubts.values()
 
@@ -299,7 +304,7 @@ def _about_conflict(answer: Answer) -> Statement:
     conflict = answer.conflict
     assert conflict is not None
     ways = [
-        f"{r.label} {number(r.needed)} instead of {number(r.limit)}{f' {r.unit}' if r.unit else ''}"
+        f"{r.label} {r.feasible_from} instead of {number(r.limit)}{f' {r.unit}' if r.unit else ''}"
         for r in conflict.relaxations
         if r.needed is not None
     ]
@@ -454,7 +459,7 @@ def _tables(result: Result) -> Iterator[Table]:
             (
                 "moved alone, feasible from",
                 "r",
-                lambda way: "does not help alone" if way.needed is None else f"{way.needed:.6g}",
+                lambda way: way.feasible_from or "does not help alone",
             ),
             ("unit", "l", lambda way: way.unit),
         )
