@@ -36,7 +36,7 @@ direction = "max"
 weight = 0.1
 
 [solver]
-starts = 4
+starts = 2
 check = false
 """
 """A study's file."""

@@ -45,12 +45,13 @@ def test_a_study_with_everything(capsys, tmp_path):
         '[robust]\ntrials = 64\n[[robust.perturb]]\nplace = "d_2"\ntolerance = "5 um"\n'
         '[catalogue]\nkinds = ["sensors"]\nkeep = 3\n'
     )
-    path = study(tmp_path, text)
+    save(PAPER, tmp_path / "given.toml")
+    path = study(tmp_path, text.replace('"paper"', '"given.toml"'))
     code, out, err = run(capsys, "optimize", path, "-o", tmp_path / "out", "--json")
     assert (code, err) == (0, "")
     found = json.loads(out)
     assert found["status"] == "optimal"
-    assert found["trust"]["starts"] == 5
+    assert found["trust"]["starts"] == 3  # those asked for, and the design's own
     assert any("outside the bounds" in note for note in found["notes"])
     assert any(a["multiplier"] > 0 for a in found["active"])
     assert len(found["front"]["points"]) >= 3
@@ -92,7 +93,7 @@ def test_a_bore_becomes_a_pupil(capsys, tmp_path):
 def test_a_square_bore_becomes_a_square_pupil(capsys, tmp_path):
     square = {"shape": "rectangle", "sides": (1.0, 1.0), "distance": 100.0}
     save(PAPER.replace({"aperture": square}), tmp_path / "b.toml")
-    text = GOOD.replace('D_F = {min = "1 mm", max = "4 mm", start = "9 mm"}\n', "").replace("starts = 4", "starts = 2")
+    text = GOOD.replace('D_F = {min = "1 mm", max = "4 mm", start = "9 mm"}\n', "")
     text = text.replace('"paper"', '"b.toml"').replace("seed", f"{FOLLOWS}\nseed")
     text += '[bore.tube]\nshape = "rectangle"\nsides = ["6 mm", "6 mm"]\nlength = "20 mm"\ndistance = "110 mm"\n'
     code, out, err = run(capsys, "optimize", study(tmp_path, text), "-o", tmp_path / "out", "--json")
@@ -105,7 +106,7 @@ def test_a_square_bore_becomes_a_square_pupil(capsys, tmp_path):
 
 def test_an_order_of_goals_and_goals_that_do_not_compete(capsys, tmp_path):
     text = "order = 'lexicographic'\nslack = 0.05\n" + GOOD.replace("weight = 0.1", "")
-    text = text.replace("starts = 4\ncheck = false", "starts = 3\nisres = true")
+    text = text.replace("check = false", "isres = true")
     text += '[pareto]\ngoals = ["sigma_z_mm", "views_independent"]\npoints = 3\n[catalogue]\nkinds = ["sensors"]\n'
     save(PAPER, tmp_path / "given.toml")
     text = text.replace('design = "paper"', 'design = "given.toml"')
@@ -326,7 +327,8 @@ def test_a_length_of_zero_needs_no_unit():
 
 
 def test_bought_arrays_out_of_focus_are_named_with_the_constraint_that_keeps_them_in_it(capsys, tmp_path):
-    text = GOOD + '[catalogue]\nkinds = ["microlens_arrays"]\nkeep = 4\n'
+    save(PAPER, tmp_path / "given.toml")
+    text = GOOD.replace('"paper"', '"given.toml"') + '[catalogue]\nkinds = ["microlens_arrays"]\nkeep = 4\n'
     code, out, _ = run(capsys, "optimize", study(tmp_path, text), "-o", tmp_path / "out")
     assert code == 0
     words = " ".join(out.split())
