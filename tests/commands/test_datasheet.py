@@ -16,11 +16,11 @@ from roslf_design.evaluation.evaluate import held_to
 from roslf_design.reporting import story
 from roslf_design.reporting.blocks import Report
 from roslf_design.reporting.sheet import lines as datasheet
-from roslf_design.reporting.sheet import resolution
 from roslf_design.reporting.sheet.lines import DEPTH, EXPECTED, datasheet_section
 from roslf_design.reporting.sweep import sweep_picture
 from roslf_design.theory.depth_budget import depth_budget
 from tests.commands.test_cli import run
+from tests.reporting.made import rough_resolution, views_as_refocused
 
 STUDY = """
 name = "sheet"
@@ -38,10 +38,10 @@ max = 1.1
 
 
 @pytest.fixture
-def coarse_map(monkeypatch):
-    """Nine places of the map of resolution instead of 195: where nobody looks at it."""
-    monkeypatch.setattr(resolution, "COLUMNS", 3)
-    monkeypatch.setattr(resolution, "ROWS", 3)
+def rough(monkeypatch):
+    """As `rough_resolution` says: where nobody looks at it."""
+    rough_resolution(monkeypatch)
+    views_as_refocused(monkeypatch)
 
 
 def test_a_sheet_tells_each_line_with_its_tolerance(tmp_path, capsys, monkeypatch):
@@ -104,7 +104,7 @@ def test_a_distance_asked_for_stays_where_it_is_in_every_build(tmp_path, capsys,
         assert spread[name.format(ahead.format(230, "focal plane"))] > 2 * here, name
 
 
-def test_small_lengths_and_their_spreads_are_printed_in_one_unit_without_powers_of_ten(tmp_path):
+def test_small_lengths_and_their_spreads_are_printed_in_one_unit_without_powers_of_ten(tmp_path, rough):
     (tmp_path / "design.toml").write_text(
         roslf.dumps(roslf.load("rigid-scope").replace({"depth.disparity_error": 1e-4}))
     )
@@ -117,7 +117,7 @@ def test_small_lengths_and_their_spreads_are_printed_in_one_unit_without_powers_
     assert float(spread.split()[-1]) < float(value.split()[0])  # of the same unit: some per cent of it
 
 
-def test_what_is_required_says_how_many_builds_meet_it(tmp_path, capsys, monkeypatch):
+def test_what_is_required_says_how_many_builds_meet_it(tmp_path, capsys, monkeypatch, rough):
     """Views across are in proportion to D_F, whose misses are even: half of the builds have fewer than nominal."""
     monkeypatch.setattr(datasheet, "FEW", 4)
     views = float(roslf.quantity("views_geometric")(Camera.of(roslf.load("paper"))))
@@ -258,9 +258,7 @@ def test_what_a_calibration_leaves_uncertain_against_cameras_drawn_from_it(calib
     assert "drop the wrong one" in err
 
 
-def test_a_report_with_a_calibration_begins_with_the_page_of_that_instrument(
-    calibration, monkeypatch, capsys, coarse_map
-):
+def test_a_report_with_a_calibration_begins_with_the_page_of_that_instrument(calibration, monkeypatch, capsys, rough):
     design, _, folder = calibration
     sheets = []
 
@@ -285,7 +283,7 @@ def test_a_report_with_a_calibration_begins_with_the_page_of_that_instrument(
     assert sheets[1].blocks[0].text == datasheet.NOMINAL  # an older one: lines stay nominal
 
 
-def test_the_sheet_of_a_story_is_of_the_design_it_ends_with(tmp_path, capsys, monkeypatch):
+def test_the_sheet_of_a_story_is_of_the_design_it_ends_with(tmp_path, capsys, monkeypatch, rough):
     monkeypatch.setattr(datasheet, "FEW", 4)  # lines at a distance or a field are not looked at
     (tmp_path / "study.toml").write_text(STUDY)
     parts = """
@@ -325,7 +323,7 @@ calibration = { boards = 9 }
     )
 
 
-def test_a_calibrated_camera_is_not_known_worse_than_it_was_built(monkeypatch):
+def test_a_calibrated_camera_is_not_known_worse_than_it_was_built(monkeypatch, rough):
     """Each line of a sheet; depth as expected on it is that of `evaluate`, which names the same largest term."""
     monkeypatch.setattr(datasheet, "FEW", 8)
     design = roslf.load("paper")
@@ -353,7 +351,7 @@ def test_distortion_of_an_ideal_lens_is_put_down_to_its_window():
         assert ("flat faces of windows" in line.remark) == bool(design.elements) == (abs(line.value) > 0.01)
 
 
-def test_a_page_of_one_design(tmp_path, capsys, coarse_map):
+def test_a_page_of_one_design(tmp_path, capsys, rough):
     code, _, _ = run(capsys, "datasheet", "video-otoscope", "-o", tmp_path / "sheet.html")
     page = (tmp_path / "sheet.html").read_text()
     assert code == 0

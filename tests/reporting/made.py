@@ -25,15 +25,11 @@ def without_figures(patch):
     patch.setattr(pages, "_design_figures", lambda *_: blank)
 
 
-def few_builds(patch):
-    """A first look at tolerances by a handful of builds, at other scales by fewer; sheets' lines and maps by fewer.
+def rough_resolution(patch):
+    """Detail that single views resolve scatters as the refocused image's; curves of MTF are polygons of seven points.
 
-    Detail that single views resolve scatters as the refocused image's, and curves of MTF are polygons of seven points:
-    where microlens images are long, the transfer of views takes many times the work of all else.
-    Without predicted depth precision, which is many times the work of all else; its curve over distance, half of what a
-    whole report takes, is a polygon too. Pages of PDFs are filled by trying two figures smaller, not sixteen.
+    Where microlens images are long, the transfer of views takes many times the work of all else.
     """
-    look, study, over_distance = story._quick_tolerances, story.quick_study, curves._depth_curve
     detail, mtf = datasheet._resolution, FieldTransfer.__call__
 
     def refocused(row, focal, camera):
@@ -43,6 +39,22 @@ def few_builds(patch):
         some = np.asarray(frequencies)[::12]
         return np.interp(frequencies, some, mtf(transfer, some, *which))
 
+    patch.setattr(FieldTransfer, "__call__", polygon)
+    patch.setattr(datasheet, "_resolution", refocused)
+    patch.setattr(resolution, "COLUMNS", 3)
+    patch.setattr(resolution, "ROWS", 3)
+
+
+def few_builds(patch):
+    """A first look at tolerances by a handful of builds, at other scales by fewer; sheets' lines and maps by fewer.
+
+    Resolution is rough. Without predicted depth precision, which is many times the work of all else; its curve over
+    distance, half of what a whole report takes, is a polygon too. Pages of PDFs are filled by trying two figures
+    smaller, not sixteen.
+    """
+    rough_resolution(patch)
+    look, study, over_distance = story._quick_tolerances, story.quick_study, curves._depth_curve
+
     def without_depth(design, seed=0):
         data = study(design, seed)
         return data | {"goals": [goal for goal in data["goals"] if goal["metric"] != "sigma_z_mm"]}
@@ -50,12 +62,8 @@ def few_builds(patch):
     patch.setattr(
         curves, "_depth_curve", lambda design, points=241, *known: over_distance(design, 1 + points // 12, *known)
     )
-    patch.setattr(FieldTransfer, "__call__", polygon)
-    patch.setattr(datasheet, "_resolution", refocused)
     patch.setattr(datasheet, "FEW", 6)
     patch.setattr(datasheet, "MANY", 64)
-    patch.setattr(resolution, "COLUMNS", 3)
-    patch.setattr(resolution, "ROWS", 3)
     patch.setattr(printers, "MOST_TRIED", 2)
     patch.setattr(story, "quick_study", without_depth)
     patch.setattr(story, "_quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))

@@ -14,11 +14,19 @@ from roslf_design.reporting.sheet.lines import basis
 from roslf_design.theory.depth_budget import WARMTH, depth_budget
 from roslf_design.theory.focused import has_views
 from roslf_design.tolerancing.metrics import Question, evaluate_builds
+from tests.reporting.made import rough_resolution, views_as_refocused
 
 WARM = {"temperature": "20 degC", "range": ["15 degC", "37 degC"], "housing": "stainless steel"}
 SINGLET = roslf.load("paper-singlet").replace({"environment": WARM})
 DESIGNS = {name: roslf.load(name) for name in preset_names()} | {"warm singlet": SINGLET}
 VIEWS = {name: design for name, design in DESIGNS.items() if has_views(Camera.of(design.thin_twin))}
+
+
+@pytest.fixture(autouse=True)
+def _depth_alone(monkeypatch):
+    """Nobody here looks at what is resolved, half of what a sheet takes."""
+    rough_resolution(monkeypatch)
+    views_as_refocused(monkeypatch)
 
 
 @pytest.mark.parametrize("design", VIEWS.values(), ids=VIEWS)
@@ -36,7 +44,7 @@ def test_sheet_table_and_evaluation_tell_one_uncertainty(design):
     assert [plane.u_z_mm for plane in told.answer.at] == pytest.approx([u, u], rel=1e-9)
 
 
-def test_pages_of_a_report_tell_it_too():
+def test_pages_of_a_report_tell_it_too(without_figures):
     u = roslf.evaluate(SINGLET).depth.expected["u_z_mm"]
     blocks = [block for section in design_report(SINGLET).sections for block in section.blocks]
     rows = [row for block in blocks for row in getattr(block, "rows", ()) if str(row[0]).startswith("together, u")]
