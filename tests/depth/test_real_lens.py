@@ -209,7 +209,7 @@ def test_waves_behind_a_lens_without_faults_are_those_of_an_ideal_one(focal_leng
 
 @pytest.mark.parametrize(
     ("away", "size", "exposure", "diameter"),
-    [(1115, 13.0, 8.7e-3, None), (1690, 19.0, 1.5e-3, None), (1115, 13.0, 8.7e-3, 16.0)],
+    [(1690, 19.0, 1.5e-3, None), (1115, 13.0, 8.7e-3, 16.0)],
 )
 def test_a_wall_stands_where_it_is(design, away, size, exposure, diameter):
     # 5.4 mm off the axis astigmatism and field curvature move views by one and a half pitches to each side, 8.2 mm by
