@@ -13,6 +13,8 @@ import os
 import re
 import signal
 import sys
+from importlib.machinery import ModuleSpec, PathFinder
+from importlib.util import LazyLoader
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ._version import __version__
@@ -27,6 +29,8 @@ LISTED = 40
 """Faults that are told one by one."""
 PATIENCE = 2.0
 """Seconds of a command for want of machine code from which on it says what would save them."""
+SELDOM_USED = frozenset({"numpy.f2py", "numpy.testing", "secrets"})
+"""Modules that numpy, scipy and pydantic import, slow ones, and commands do not use."""
 YOUNG = 20_000
 """Objects made before Python looks for cycles that nothing holds any more."""
 
@@ -207,8 +211,21 @@ def _advise(is_warm: bool) -> None:
         print(f"roslf: {seconds:.0f} s of this were for code that is not compiled yet; {advice}", file=sys.stderr)
 
 
+class _Lazily:
+    """Finder of modules that are executed when somebody asks for what is in them."""
+
+    @staticmethod
+    def find_spec(name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+        """Find one that is seldom used, and none else."""
+        spec = PathFinder.find_spec(name, path, target) if name in SELDOM_USED else None
+        if spec is not None and spec.loader is not None:
+            spec.loader = LazyLoader(spec.loader)
+        return spec
+
+
 def run() -> None:
     """Entry point of the `roslf` script."""
+    sys.meta_path.insert(0, _Lazily)
     gc.set_threshold(YOUNG)
     gc.disable()  # until the command's modules are imported: all that imports make stays
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small products wait longer for threads than they take

@@ -109,6 +109,20 @@ def test_evaluate_imports_nothing_heavy():
     assert done.returncode == 0, done.stderr
 
 
+def test_what_libraries_import_and_hardly_use_is_executed_when_asked_for():
+    probe = (
+        "import sys; from roslf_design import cli; sys.argv = ['roslf', '--version']\n"
+        "try: cli.run()\n"
+        "except SystemExit: pass\n"
+        "import scipy.special, secrets, numpy\n"
+        "assert 'unittest' not in sys.modules\n"
+        "numpy.testing.assert_array_equal(len(secrets.token_bytes(2)), 2)\n"
+        "assert 'unittest' in sys.modules\n"
+    )
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
 @pytest.mark.parametrize("name", ["a [/bold] design", "a [red]design", "\x1b[31mred\x9b0m", "{x} :smile:"])
 def test_names_are_shown_as_they_are_written(name, capsys, tmp_path, root):
     text = (root / "designs" / "paper.toml").read_text().replace("Zhou 2023 bench system", "NAME")
