@@ -139,10 +139,8 @@ class SurfaceStack(NamedTuple):
         out, room, state = _room(4 * total).reshape(4, *shape), _room(total).reshape(shape), np.empty(shape, np.int16)
         planes = np.array(np.broadcast_to(np.asarray(end, float), (builds,)))
         # Writable, as a kernel is compiled once more for arrays that are not.
-        few = (min(PART, total),)
-        spread = (
-            part if part.size == total else np.broadcast_to(part, shape if part.size > 1 else few) for part in lines
-        )
+        spread = (np.broadcast_to(part, shape) if 1 < part.size < total else part for part in lines)
+        spread = (np.full(min(PART, total), part.item()) if part.size == 1 < total else part for part in spread)
         given = (np.require(part, requirements=["C", "W"]) for part in (self.table, self.media, *spread))
         work = planes, _room(ROWS * BLOCK), _room(count * BLOCK)
         arrays: list[Any] = [part.reshape(-1) for part in (*given, *work, *out.reshape(4, total), room, state)]

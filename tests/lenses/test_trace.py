@@ -214,6 +214,22 @@ def test_interpreted_and_compiled_kernels_give_the_same_bits(name, monkeypatch):
     assert describe(int(runs[0].state[5])).startswith("not a ray")
 
 
+@pytest.mark.parametrize(
+    ("heights", "slopes", "planes"),
+    [((1, 1), (3, 200), ()), ((3, 1), (1, 200), (3, 1)), ((1, 1), (1, 1), (1, 1)), ((), (), ()), ((0,), (), ())],
+)
+def test_numbers_that_rays_have_in_common_are_broadcast(heights, slopes, planes):
+    lens, random = load_lens("LA1050-A").at(5e-4), np.random.default_rng(1)
+    height, slope = random.uniform(-5, 5, (2, *heights)), random.uniform(-0.1, 0.1, (2, *slopes))
+    start, shape = random.uniform(-20, -10, planes), np.broadcast_shapes(heights, slopes, planes)
+    few = lens.through(tuple(height), tuple(slope), start=start, end=90.0, backward=False)
+    parts = [[np.broadcast_to(one, shape) for one in each] for each in (height, slope, [start])]
+    every = lens.through(tuple(parts[0]), tuple(parts[1]), start=parts[2][0], end=90.0, backward=False)
+    assert few.state.shape == shape
+    for one, other in zip(few, every, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def test_builds_times_rays_are_each_build_alone():
     """Three colours of one lens as three builds, back to a plane for each, and forwards again."""
     lens = load_lens("AC508-150-A")
