@@ -124,11 +124,11 @@ def build_app() -> App:
 
     app = App(
         name="roslf",
-        help="Design and tolerance explorer for light-field cameras that look through a restricted object space.",
+        help="Design and tolerance explorer for light-field cameras that look out of a bore.",
         help_epilogue=f"Example: {COMMANDS['evaluate'].example}",
         version=__version__,
         suppress_keyboard_interrupt=False,
-        help_format="plaintext",
+        help_format="markdown",
     )
     for name, command in COMMANDS.items():
         example = {} if name in GROUPS else {"help_epilogue": f"Example: {command.example}"}
@@ -176,7 +176,9 @@ def _run(arguments: list[str]) -> Any:
         options = getattr(getattr(error, "argument", None), "hint", None)
         if refused := getattr(options, "refused", None):  # a job's options, which tell every fault
             raise refused(error.__cause__) from None
-        return _complain(" ".join(str(error).split()) + " See `roslf --help`.", 2)
+        more, asked = getattr(error, "unused_tokens", None), " ".join(["roslf", *(error.command_chain or ())])
+        wrong = f"{more[0]!r} is one argument too many." if more else " ".join(str(error).split())
+        return _complain(f"{wrong} See `{asked} --help`.", 2)
     except UnicodeEncodeError as error:
         if error.encoding != "utf-8":
             raise

@@ -101,7 +101,8 @@ def check_file(
         message = f"cannot be read: {error}; {missing}"
     else:
         if stat.S_ISDIR(kind.st_mode):
-            message = "is a folder; name the file inside it"
+            held = next(iter(sorted(path.glob("*.toml"))), None)
+            message = f"is a folder; name the file inside it{f', as {held}' if held else ''}"
         elif not stat.S_ISREG(kind.st_mode):
             message = "is a pipe or a device; name a file on disk"
         else:

@@ -164,7 +164,7 @@ def diagrams(
     _finish(data, "accuracy.json", report, output, json, page.answers_table(groups), said)
 
 
-@accuracy.command(name="calibrate")
+@accuracy.command(name="calibrate", help_epilogue="")
 def calibrate(
     design: str = "paper",
     /,
@@ -196,7 +196,7 @@ def calibrate(
     say(path)
 
 
-@accuracy.command(name="hard-cases")
+@accuracy.command(name="hard-cases", help_epilogue="")
 def hard_cases(
     design: DesignName = "paper",
     /,

@@ -108,7 +108,7 @@ def _refuse_another(path: Path, text: str) -> None:
         raise refusal("output", f"{path} is of another bench, or was changed by hand; {ELSEWHERE}")
 
 
-@bench.command(name="check")
+@bench.command(name="check", help_epilogue="")
 def check(folder: Path, /, *, json: Json = False) -> None:
     """Worth of the captures so far, and what to take next.
 
@@ -132,7 +132,7 @@ def check(folder: Path, /, *, json: Json = False) -> None:
     say(f"\nWritten to {folder}: check.html")
 
 
-@bench.command(name="report")
+@bench.command(name="report", help_epilogue="")
 def report(
     folder: Path,
     /,

@@ -49,7 +49,7 @@ def datasheet(
         A design file, the name of a preset, or a study: of roslf tolerance, whose builds give each line its tolerance
         (2 sigma), of roslf optimize, whose optimum it is, or a story, whose last design it is.
     output
-        File to write: .pdf, .html, .json or .csv. Default: datasheet-<design>.html.
+        File to write: .pdf, .html, .json or .csv. Default: datasheet-DESIGN.html.
     paper
         Size of the PDF's pages.
     calibration

@@ -52,7 +52,7 @@ def decode(
         and column (view_03_04.png) or counted (input_Cam040.png, with the parameters.cfg of the 4D light field
         benchmark), or a .mat file of LFToolbox.
     output
-        Folder for pictures, views/, refocus/, decoding.json, tables/ (CSV) and index.html. Default: decoded-<image>.
+        Folder for pictures, views/, refocus/, decoding.json, tables/ (CSV) and index.html. Default: decoded-IMAGE.
     """
     folder = Path(f"decoded-{re.sub(r'[^A-Za-z0-9._-]+', '-', image.stem) or 'image'}") if output is None else output
     check_options(None, folder)

@@ -121,7 +121,7 @@ def report(
     others
         With --compare: one or two more designs.
     output
-        Folder to write index.html to, and its tables as CSV to tables/; made if needed. Default: report-<design>, after
+        Folder to write index.html to, and its tables as CSV to tables/; made if needed. Default: report-DESIGN, after
         the design file's name.
     compare
         Two or three designs side by side, differences marked.

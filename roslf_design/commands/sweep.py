@@ -61,7 +61,7 @@ def sweep(
     quantity
         Names, with commas between; `roslf quantities` lists all. May be given several times.
     output
-        File to write: .png, .svg, .csv or .parquet. Default: sweep-<design>.png.
+        File to write: .png, .svg, .csv or .parquet. Default: sweep-DESIGN.png.
     at
         Distance ahead of the bore's tip, as "20 mm", for quantities that are asked for at one. Default: the focal
         plane.

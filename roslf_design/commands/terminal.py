@@ -247,30 +247,19 @@ def _page_title(content: bytes) -> str | None:
         return None
     try:
         with pikepdf.open(io.BytesIO(content)) as document:
-            title = document.docinfo.get("/Title")
+            return str(document.docinfo.get("/Title", "")) or None
     except pikepdf.PdfError:
         return None
-    return None if title is None else str(title)
 
 
 def _check_page(path: Path, title: str | None) -> None:
-    """Refuse to write a page of a title over one of another, or over a PDF that was signed or marked since.
-
-    Raises
-    ------
-    InputError
-        Names it, with the remedy.
-    """
-    if not path.is_file():
-        return
-    content = path.read_bytes()
-    wrong, held = "", _page_title(content)
-    if held != title:
-        wrong = f'is of "{held}"' if held else "is of something else"
-    elif content.startswith(b"%PDF") and content.count(b"%%EOF") > 1:
-        wrong = "was signed or marked since it was written"
-    if wrong:
-        raise refusal("output", f"{path} {wrong}; {ELSEWHERE}")
+    """Refuse to write a page of a title over one of another, or over a PDF that was signed or marked since."""
+    content = path.read_bytes() if path.is_file() else b""
+    held = _page_title(content)
+    if content and held != title:
+        raise refusal("output", f"{path} is of {held or 'something else'}; {ELSEWHERE}")
+    if content.startswith(b"%PDF") and content.count(b"%%EOF") > 1:
+        raise refusal("output", f"{path} was signed or marked since it was written; {ELSEWHERE}")
 
 
 def typed(*words: object, **options: object) -> str:

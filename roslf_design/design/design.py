@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from html import escape
 from pathlib import Path
@@ -26,6 +27,8 @@ from .environment import REFERENCE
 from .growth import Growth, about_environment
 from .parts import BEHIND, PATHS
 
+SYMBOL = re.compile(r"[A-Za-z]_?[0-9A-Za-z]{0,2}")
+"""Pattern of a symbol, known or not."""
 FAP_SHAPE = ("aperture.shape", "aperture.sides")
 """Beginnings of places that say what shape and size the FAP has."""
 
@@ -106,7 +109,7 @@ class Design(Assembly):
             Unknown places, or values that do not make a design.
         """
         places = dict(changes or {})
-        symbols = {name: places.pop(name) for name in [*places] if name in PATHS} | symbols
+        symbols = {name: places.pop(name) for name in [*places] if name in PATHS or SYMBOL.fullmatch(name)} | symbols
         wanted = _by_path(places, symbols)
         if "q" in symbols:
             wanted[PATHS["q"]] = symbols["q"] * self.sensor.relay_magnification
@@ -256,9 +259,8 @@ def _by_path(changes: Mapping[str, Any], symbols: Mapping[str, Any]) -> dict[str
     unknown = sorted(set(symbols) - set(PATHS))
     if unknown:
         known = f"known are {', '.join(PATHS)}; other numbers go by their places: {{'tube.outer_diameter': 6.0}}"
-        raise DesignError(
-            tuple(Problem(n, f"is not a symbol of a design; {nearest(n, PATHS, known, _own(n))}") for n in unknown)
-        )
+        near = {n: known if SYMBOL.fullmatch(n) else nearest(n, PATHS, known, _own(n)) for n in unknown}
+        raise DesignError(tuple(Problem(n, f"is not a symbol of a design; {near[n]}") for n in unknown))
     return {**changes, **{PATHS[symbol]: value for symbol, value in symbols.items()}}
 
 

@@ -97,8 +97,10 @@ class Evaluation:
         return getattr(self, name) if name else self
 
     def value(self, quantity: Quantity | str) -> Any:
-        """Value of a quantity that is `evaluated`, or of its name."""
+        """Value of a quantity that is `evaluated`, or of its name; of u_z_mm in the plane in focus."""
         quantity = quantity_named(quantity) if isinstance(quantity, str) else quantity
+        if quantity.name == "u_z_mm":
+            return float(self.depth_budget.u_z_mm)
         if quantity.evaluated is None:
             name = quantity.name
             raise ValueError(f"holds no {name}; ask roslf.quantity({name!r}) of roslf.Camera.of(design)")

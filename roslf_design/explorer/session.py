@@ -47,7 +47,6 @@ from .view import (
     TRACING,
     PictureSource,
     Size,
-    ahead,
     controls,
     depth_known,
     depth_unknown,
@@ -156,16 +155,13 @@ class Session:
             **(verdicts or {"glance": [], "lights": [], "fixes": []}),
             "depth_known": known,
             "space": space,
-            **{f"{kind}_run": self._run_of(kind) for kind in KINDS},
+            **{f"{kind}_run": summary(self._runs.get(kind), self.design, self._wrong.get(kind, "")) for kind in KINDS},
             "reporting": next((s.words for job in self._reports if isinstance(s := job.poll(), Progress)), ""),
             "forms": forms(self.state),
             "presets": list(preset_names()),
             "tabs": [{"key": key, "label": label} for key, label in TABS.items()],
             "theme": self._theme,
         }
-
-    def _run_of(self, kind: str) -> dict[str, Any]:
-        return summary(self._runs.get(kind), self.design, self._wrong.get(kind, "")) | {"ahead": ahead(kind)}
 
     def close(self) -> None:
         """End all that runs for this tab."""

@@ -203,22 +203,6 @@ DRAWINGS = {
 others stand where it has the cards of their view or kind of run."""
 
 
-AHEAD = {
-    "tolerance": "Start makes builds of this camera, off by chance within the grade's tolerances, and counts those "
-    "that hold every limit: ten seconds to a minute, longer with more pixels across a microlens image.",
-    "optimise": "Start searches what is ticked, between its bounds, for the best design that keeps all that must hold: "
-    "some seconds to half a minute. This design stays until you take the one found.",
-    "measure": "Start takes simulated pictures and measures depth in them: ten seconds to half a minute.",
-}
-"""Words on what a run of each kind does, and how long it takes."""
-
-
-def ahead(kind: str) -> str:
-    """Words on a run that has not ended, and what will be drawn of it."""
-    drawn = "; ".join(f"{one.label[0].lower()}{one.label[1:]}" for one in DRAWINGS.values() if one.run == kind)
-    return f"{AHEAD[kind]} It goes on in the background while you work in other views. What you will see: {drawn}."
-
-
 def with_cards(template: str) -> str:
     """Template of the page with the cards of each view and kind of run where it says so, one for each drawing."""
 
@@ -410,6 +394,8 @@ def _named(evaluation: Evaluation, verdict: Verdict) -> dict[str, str]:
 def _margin(evaluation: Evaluation, verdict: Verdict) -> str:
     """How far a verdict is from its limit, in at most 14 letters."""
     lens, name = evaluation.real_lens, verdict.name
+    if name in ("pupil_imaged", "depth_behind_lens"):
+        return "biased" if name == "depth_behind_lens" else "focused (2.0)"
     if name == "f_number_matched":
         return f"{_signed(evaluation.f_number.mismatch_px)} px"
     if name == "field_undistorted" and lens is not None:
@@ -423,8 +409,6 @@ def _margin(evaluation: Evaluation, verdict: Verdict) -> str:
     if name == "fits_tube":
         word = "needs" if verdict.level == "fault" else "fits"
         return f"{word} {short(evaluation.answer.outer_diameter_mm, 3)} mm"
-    if name == "pupil_imaged":
-        return "focused (2.0)"
     if name == "corner_lit":
         return f"{100 * evaluation.answer.corner_light:.3g} %"
     if name == "sharp_over_field":

@@ -222,6 +222,8 @@ def looked_up(name: str) -> list[tuple[KeyTable, list[FileKey]]]:
     ]
     if single := [(table, keys) for table, keys in several if keys]:
         return single
+    if len(steps) > 2 and steps[0] in {step for known in _names() for step in known.split(".")}:
+        return looked_up(".".join(steps[1:]))  # a table within tables goes by its own name
     meanings = {table.place: table.about for table in TABLES}
     near = nearest(".".join(steps), _names(), _OVERVIEW, meanings)
     raise InputError((Problem("", f"'{name}' is no table and no key of a file; {near}"),))
@@ -231,8 +233,10 @@ def told_of(name: str, shown: Sequence[tuple[KeyTable, list[FileKey]]]) -> list[
     """Places of tables that are about what a name says, where only single keys have it."""
     if any(len(keys) == len(table.model.model_fields) for table, keys in shown):
         return []
-    word = re.compile(rf"\b{re.escape(name.lower())}\b")
-    return [table.place for table in TABLES if word.search(table.about.lower())]
+    step = name.lower().rpartition(".")[2]
+    word = re.compile(rf"\b{re.escape(step)}\b")
+    named = [one.place for one in TABLES if step in one.place.split(".")]
+    return named or [one.place for one in TABLES if word.search(one.about.lower())]
 
 
 _OVERVIEW = "`roslf keys` lists all"

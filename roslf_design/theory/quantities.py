@@ -87,12 +87,12 @@ def quantity_named(name: str) -> Quantity:
     raise ValueError(f"'{name}' is no quantity of a design; {remedy}")
 
 
-def quantities_of_cameras(names: Sequence[str], at: Depth = None) -> list[Quantity]:
+def quantities_of_cameras(names: str | Sequence[str], at: Depth = None) -> list[Quantity]:
     """Quantities of whole cameras, by their names.
 
     Parameters
     ----------
-    names : sequence of str
+    names : str or sequence of str
     at : float, optional
         Distance ahead of the bore's tip that they are asked for at [mm]; None is the focal plane.
 
@@ -101,7 +101,7 @@ def quantities_of_cameras(names: Sequence[str], at: Depth = None) -> list[Quanti
     ValueError
         One that is not known, belongs to a field, or needs a distance.
     """
-    known = [quantity_named(name) for name in names]
+    known = [quantity_named(name) for name in ([names] if isinstance(names, str) else names)]
     for quantity in known:
         if quantity.of is None:
             raise ValueError(f"{quantity.name} belongs to a field, not to a whole camera; take another")

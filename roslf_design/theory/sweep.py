@@ -93,7 +93,7 @@ LOOKED_AT = 12
 def sweep(
     design: Design | str | Path,
     places: Mapping[str, ArrayLike],
-    quantities: Sequence[str],
+    quantities: str | Sequence[str],
     at: Distance | Sequence[Distance] | None = None,
 ) -> Sweep:
     """Quantities over one or two numbers of a design, all points at once.
@@ -105,7 +105,7 @@ def sweep(
     places : mapping
         One or two dotted places ("aperture.distance") or symbols ("d_3") to their values [mm, rad]. Of f, d_f and d_1
         the same one follows as in `Design.replace`.
-    quantities : sequence of str
+    quantities : str or sequence of str
         Names in `QUANTITIES`, of whole cameras.
     at : float or str, optional
         Distance ahead of the bore's tip for quantities that are asked for at one [mm], a list of one too; None is the
@@ -132,7 +132,10 @@ def sweep(
     for quantity in known:
         if quantity.of_views:
             refuse_focused(design, quantity.name, changed=places)
-    axes = {place: np.asarray(values, float).ravel() for place, values in places.items()}
+    try:
+        axes = {place: np.asarray(values, float).ravel() for place, values in places.items()}
+    except (TypeError, ValueError):
+        raise ValueError(f"{places}: give numbers in mm or rad, as numpy.linspace(0, 3, 61)") from None
     shape = tuple(len(values) for values in axes.values())
     grid = np.meshgrid(*axes.values(), indexing="ij")
     camera = Camera.of(design, {place: values.ravel() for place, values in zip(axes, grid, strict=True)})

@@ -556,5 +556,5 @@ def test_a_folder_of_another_study_is_refused_before_any_work(tmp_path, capsys):
         ("tolerance", tmp_path / "study.toml"),
     ):
         code, _, err = run(capsys, command, study, "-o", tmp_path)
-        assert (code, 'is of "rigid 4 mm scope"' in err) == (2, True)
+        assert (code, "is of rigid 4 mm scope" in err) == (2, True)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["index.html", "study.toml"]

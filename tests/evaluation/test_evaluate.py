@@ -662,3 +662,9 @@ def test_microlenses_without_neighbours_make_no_light_field_camera(across, enoug
     (verdict,) = (verdict for verdict in result.verdicts if verdict.name == "views_resolved")
     assert result.has_views == enough
     assert ("microlens_array.pitch, 63 um" in verdict.remedy) != enough
+
+
+def test_a_distance_asked_for_twice_or_in_focus_stands_once():
+    answer = roslf.evaluate("paper", at=[230.0, 200.0, 200.0]).answer
+    assert [row.at_mm for row in answer.at] == pytest.approx([230.0, 200.0])
+    assert roslf.evaluate("paper").value("u_z_mm") == answer.at[0].u_z_mm

@@ -95,3 +95,10 @@ def test_printed_by_name_and_all(capsys):
     assert main(["keys", "window"]) == 0  # of depth, by name; of glass, by what a plate is
     assert "Also about window: roslf keys design.elements.plate," in capsys.readouterr().out
     assert set(FILES) >= {"design", "scene", "tolerance", "optimize", "story", "bench"}
+
+
+def test_a_key_whose_table_is_of_several_kinds_says_where_those_are(capsys):
+    assert main(["keys", "scene.objects.plane.texture"]) == 0
+    assert "roslf keys scene.texture.noise" in capsys.readouterr().out
+    assert main(["keys", "scene.objects.plane.texture.noise"]) == 0
+    assert "scene.texture.noise: " in capsys.readouterr().out

@@ -367,13 +367,6 @@
 </section>`,
   };
 
-  // Before a run has ended: what it will show, how long it takes, and the design's own numbers.
-  const Ahead = {
-    props: ["run", "rows", "lens"],
-    template: `
-<div class="ahead"><p class="empty">{{ run.ahead }}</p><rx-glance v-if="rows" :rows="rows" :lens="lens"></rx-glance></div>`,
-  };
-
   const Card = {
     props: ["name", "label", "files", "lens"],
     setup() { return { fetchFile, fetchPng }; },
@@ -605,7 +598,6 @@
       app.component("rx-bore", Bore);
       app.component("rx-card", Card);
       app.component("rx-glance", Glance);
-      app.component("rx-ahead", Ahead);
       app.component("rx-twin", Twin);
       app.component("rx-picture", Picture);
       app.component("rx-menu", Menu);

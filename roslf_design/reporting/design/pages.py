@@ -130,7 +130,8 @@ def design_report(
     looked = grounds.looked
     built: list[DepthBudget] = []
     if looked is not None and grounds.build is None and grounds.calibration is None and result.has_views:
-        built = [depth_budget(Camera.of(design), at, build=looked) for at in (None, *grounds.at)]
+        ahead = (None, *(row.at_mm for row in result.answer.at[1:]))
+        built = [depth_budget(Camera.of(design), at, build=looked) for at in ahead]
         result = held_as_built(result, design, looked)
         grounds = told_as_built(grounds, result.required)
     if grounds.required:
