@@ -45,4 +45,6 @@ def shot(design: str = "rigid-scope") -> bytes:
 
 
 if __name__ == "__main__":
-    Image.open(io.BytesIO(shot())).convert("RGB").quantize(SHADES, Image.Quantize.MAXCOVERAGE).save(SHOWN, optimize=True)
+    Image.open(io.BytesIO(shot())).convert("RGB").quantize(SHADES, Image.Quantize.MAXCOVERAGE).save(
+        SHOWN, optimize=True
+    )
