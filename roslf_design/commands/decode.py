@@ -70,13 +70,12 @@ def decode(
         report = pages.decoding_report(result, drawings, command)
         files |= picture_files(pictures, drawings) | render_tables(report)
         views = {} if result.kind == "views" else view_files(result.field)
-        if views:
-            write_files(folder / "views", views)
         for name, plane in zip(pages.stack_names(result), result.stack, strict=True):
             files[name] = _grey_png(plane.values, plane.weight)
-        (folder / "refocus").mkdir(parents=True, exist_ok=True)
         files["index.html"] = render_html(report).encode()
         write_files(folder, files)
+        if views:
+            write_files(folder / "views", views)
     seconds = time.perf_counter() - began
     if json:
         print(json_text({**result.to_dict(), "files": list(files), "views_written": len(views)}))
