@@ -197,7 +197,7 @@ def test_walls_stand_where_they_are_asked_for():
     assert wall.side > 2 * QUANTITIES["field_half_width_mm"](camera, 330.0)
     assert plan.setup.edge == plain.setup.edge
     flat = 2 * float(QUANTITIES["u_z_mm"](camera, 330.0))
-    assert f"{flat:.2g} mm at 330 mm (U, k = 2)" in str(protocol_report(plan))
+    assert f"{flat:.2g} mm at 330 mm (U, k = 2)" in repr(protocol_report(plan))
 
 
 def test_walls_stand_where_the_design_requires_something():
@@ -209,10 +209,10 @@ def test_walls_stand_where_the_design_requires_something():
     assert plan.setup.wall.at == tuple(sorted((*plain.setup.wall.at, 220.0, 330.0)))
     ahead = [pose.ahead for pose in plan.setup.poses]
     assert min(ahead) <= 220.0 * (1 + 1e-4)  # as bench.toml's digits have it
-    assert "not 330 mm, as views are sharp only up to" in str(protocol_report(plan))
+    assert "not 330 mm, as views are sharp only up to" in repr(protocol_report(plan))
     far = design.replace({"required": {"u_z_mm": [{"at": z, "max": 99.0} for z in (200.0, 230.0, 3e4)]}})
     assert Protocol.of(far, PlanOptions(board="4x5 6 mm")).setup.wall.at[-1] < 3e4  # whose dots hide all other places
-    assert "do not suit 3e+04 mm" in str(protocol_report(Protocol.of(far, PlanOptions(board="4x5 6 mm"))))
+    assert "do not suit 3e+04 mm" in repr(protocol_report(Protocol.of(far, PlanOptions(board="4x5 6 mm"))))
     assert plan.setup.edge == plain.setup.edge
 
 
