@@ -222,7 +222,7 @@ def test_the_protocol_is_one_page_with_this_cameras_numbers(name):
     page = protocol_report(plan)
     with pikepdf.open(BytesIO(render_pdf(page))) as document:
         assert len(document.pages) == 1
-    text = str(page)
+    text = repr(page)
     design = roslf.load(name)
     full = 2**design.sensor.bits - 1
     assert f"{round(0.6 * full)} to {round(0.8 * full)}" in text
