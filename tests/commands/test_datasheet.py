@@ -531,7 +531,7 @@ def test_a_sweep_from_python():
     assert np.isfinite(found.values["sigma_z_mm"]).all()
 
 
-def test_what_is_of_another_design_or_signed_is_not_written_over(tmp_path, capsys, coarse_map):
+def test_what_is_of_another_design_or_signed_is_not_written_over(tmp_path, capsys, rough):
     def again(design, name, *more):
         before = (tmp_path / name).read_bytes() if (tmp_path / name).exists() else b""
         code, _, err = run(capsys, "datasheet", design, "-o", tmp_path / name, *more)

@@ -189,15 +189,17 @@ def test_light_that_falls_off_is_weighed():
 
 
 def test_what_saturates_is_unknown_and_does_not_pull():
-    texture, (pupil, inside) = Texture.of(2, 0.4), disc(9)
-    views = sharp(texture, 1.0, pupil, inside, SIZE)
-    maps = estimates(views, lit(inside), pupil, 1000, 4, saturation=800.0)
-    bright = views[4, 4] > 0.85
-    assert bright.any()
-    assert not any(m.measured[bright].any() for m in maps)
-    assert maps[0].shares()[DisparityStatus.SATURATED] > 0.05
-    scores = errors(maps, 1.0)
-    assert holds(scores)
+    """Over three textures: each has few places beside full ones, and windows there err together or not at all."""
+    (pupil, inside), scores = disc(9), []
+    for seed in (2, 3, 5):
+        views = sharp(Texture.of(seed, 0.4), 1.0, pupil, inside, SIZE)
+        maps = estimates(views, lit(inside), pupil, 1000, 4, saturation=800.0)
+        bright = views[4, 4] > 0.85
+        assert bright.any()
+        assert not any(m.measured[bright].any() for m in maps)
+        assert maps[0].shares()[DisparityStatus.SATURATED] > 0.05
+        scores.append(errors(maps, 1.0))
+        assert holds(scores[-1])
     assert np.nanmean(np.abs(scores) > 5) < 0.002
     (all_white,) = estimates(views, lit(inside), pupil, 1000, 1, saturation=50.0)
     assert all_white.shares() == {DisparityStatus.SATURATED: 1.0}

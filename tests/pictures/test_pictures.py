@@ -395,7 +395,7 @@ def test_the_region_of_eq_6_ends_where_the_margin_vanishes():
 
 def test_depth_over_the_field_of_a_single_microlens_is_a_dot():
     """With the stop just before the plane in focus the sensor sees no farther than the axis."""
-    design = roslf.load("cystoscope").replace(d_3=120.4)
+    design = roslf.load("cystoscope").replace({"d_3": 120.4, "depth.disparity_error": 0.1})
     assert default_fields(design) == ((0.0, 0.0),) * 3
     picture = depth_over_field(design)
     (dot,) = (mark for mark in picture.marks if mark.testid == "field-curve")

@@ -151,18 +151,17 @@ def depth_precision(design: Design, size: Point = (560, 320), known: KnownLength
     the keys of what is required take.
     """
     distance, expected, sigma, blur, ahead, focus, _, counts = curve = _depth_curve(design, 121, known)
-    keys = [
-        line_key(f"u_Z, depth, expected, 1 σ, {counts}", "blue", 2.2),
-        line_key("σ_Z, its bound by photons and read noise", *BOUND),
-        line_key("spread of a point on the MLA (right axis)", "orange", 1.8, "7 4"),
-    ]
     finite = np.isfinite(expected)
+    keys = [line_key("spread of a point on the MLA (right axis)", "orange", 1.8, "7 4")]
+    if finite.any():
+        keys.insert(0, line_key(f"u_Z, depth, expected, 1 σ, {counts}", "blue", 2.2))
+        keys.insert(1, line_key("σ_Z, its bound by photons and read noise", *BOUND))
     asked, told = _asked_of_depth(design, curve)
     across = Scale(float(distance[0]), float(distance[-1]))
     across = across._replace(log=across.high > DECADES * across.low > 0)
     limited = [float(y) for mark in asked if isinstance(mark, Dots) for y in np.ravel(mark.y)]
     up = _up([*expected[finite], *sigma[finite], *limited])
-    sharp = f"{short(focus, 3)} mm" if math.isfinite(focus) else "unknown, as no light or texture gives it"
+    sharp = f"{short(focus, 3)} mm" if math.isfinite(focus) else "unknown, as light, texture or images that overlap give none"
     width, at_focus = max(size[0] - 114, 80.0), sharp.partition(",")[0]
     # Between the curves, which leave the upper middle free; never beyond the panel.
     at = float(across.share(ahead)) * width
@@ -265,11 +264,10 @@ def depth_over_field(design: Design, size: Point = (560, 320)) -> Picture:
         drawn = Dots(place[known][:1], shown[known][:1], "blue", size=6, testid="field-curve")
     marks = (*_unknown(place, known, up), Line(place[known], bound[known], *BOUND), drawn)
     labels = "microlens, from the field's centre to its corner [mm]", "depth, 1 σ [mm]"
-    keys = [
-        line_key("u_Z, depth, expected, in the plane in focus, lengths as drawn", "blue", 2.2),
-        line_key("σ_Z, its bound by photons and read noise", *BOUND),
-        *([] if known.all() else [UNKNOWN]),
-    ]
+    keys = [] if known.all() else [UNKNOWN]
+    if known.any():
+        keys.insert(0, line_key("u_Z, depth, expected, in the plane in focus, lengths as drawn", "blue", 2.2))
+        keys.insert(1, line_key("σ_Z, its bound by photons and read noise", *BOUND))
     ends = [f"{short(float(value), 3)} mm" if math.isfinite(value) else "unknown" for value in expected[[0, -1]]]
     title = f"Depth, expected, of {design.name} over the field: {ends[0]} at its centre, {ends[1]} at its corner"
     return one_panel("depth-field", title, size, Panel((0, 0, 1, 1), across, up, marks, *labels), keys)
