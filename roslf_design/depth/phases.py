@@ -354,7 +354,8 @@ def _strength(shown: NDArray[np.complex128]) -> NDArray[np.float64]:
 def _settled(alone: NDArray[np.complex128], sent: NDArray[np.complex128]) -> NDArray[np.float64]:
     """Strength x of waves, shape (W, view, node), in a picture that shows what is left once x `sent` is taken off.
 
-    As `_strength` has it: x^2 = <|alone - x sent|^2>.
+    As `_strength` has it: x^2 = <|alone - x sent|^2>; at most `MOST_GAIN` times that of `alone`, as none settles where
+    neighbours send more than a microlens has, turned the other way.
     """
     some = np.maximum((np.abs(alone) > 0).sum(1, keepdims=True), 1)
     own, both, other = (
@@ -362,7 +363,7 @@ def _settled(alone: NDArray[np.complex128], sent: NDArray[np.complex128]) -> NDA
         for one, two in ((alone, alone), (alone, sent), (sent, sent))
     )
     root = np.sqrt(np.maximum(both**2 + own * (1 - other), 0))
-    return np.asarray(own / np.maximum(both + root, 1e-12))
+    return np.asarray(own / np.maximum(both + root, np.maximum(np.sqrt(own) / MOST_GAIN, 1e-12)))
 
 
 def _filtered(
