@@ -69,8 +69,8 @@ def with_shared_light(
             return views, disparities
         before, made = made, np.stack([latest.begun.disparity, latest.begun.picture])
         last, off = off, made - at
-        if np.median(np.abs(off[0][known])) < SETTLED * latest.error:
-            break
+        if number == ROUNDS - 1 or np.median(np.abs(off[0][known])) < SETTLED * latest.error:
+            break  # `at` is what these were found by
         if number == 0:
             scale = np.sqrt(np.square(off[:, known]).mean(1, keepdims=True))
         step, now = (part[:, known] / np.maximum(scale, 1e-12) for part in (off - last, off))
@@ -78,19 +78,19 @@ def with_shared_light(
         at = made - np.clip(back, *TURNING) * (made - before)
     found, by_other = latest, round_by(ASKED)
     assert by_other is not None
-    some, other = found.measured, by_other[1]
-    both = some & other.measured
+    other = by_other[1]
+    both = found.measured & other.measured
     if not both.any():
         return views, disparities
     c = float(np.clip(np.median((other.disparity - found.disparity)[both]) / ASKED, *ANSWERS))
     back = float(np.clip(c + viewing.returned(lit, float(np.median(found.disparity[both]))), *ANSWERS))
-    sigma = math.sqrt(_shared_noise(c, back, disparities.window, some.shape)) * found.sigma
+    sigma = math.sqrt(_shared_noise(c, back, disparities.window, both.shape)) * found.sigma
     names = ("disparity", "sigma", "status", "chi2", "views", "picture")
-    told: dict[str, Any] = {
-        name: np.where(some, sigma if name == "sigma" else getattr(found, name), getattr(disparities, name))
+    maps: dict[str, Any] = {
+        name: np.where(found.measured, sigma if name == "sigma" else getattr(found, name), getattr(disparities, name))
         for name in names
     }
-    return lit, replace(disparities, **told, begun=found.begun)
+    return lit, replace(disparities, **maps, begun=found.begun)
 
 
 def _shared_noise(c: float, back: float, window: int, shape: tuple[int, int]) -> float:
