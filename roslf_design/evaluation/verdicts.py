@@ -213,7 +213,7 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
     """By Eq. 6; behind a real lens by its traced images, Eq. 6's bound beside it."""
     sees = (
         f"the sensor sees {thin.field_half_width_mm:.4g} mm (half width), {thin.field_half_diagonal_mm:.4g} mm "
-        f"(corner); {_shifted(camera)}"
+        f"(corner); {_shifted(camera)}{' (thin lens)' * (lens is not None)}"
     )
     by_thin = "" if thin.undistorted_in_field else _field_remedy(camera, thin)
     if lens is not None:
@@ -405,11 +405,13 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
                 f"{kept**-0.5:.3g} times as large; {_straighter(camera, kept)}"
             )
     if math.isfinite(float(fill_factor(camera))) and (full := share_saturated(camera)) > TAKEN_LOSS:
-        room = float(full_level(camera) * LARGEST_FILL)
-        cause, ways = ", where light of neighbouring images adds up", "images that do not overlap or a shorter exposure"
-        if room < LARGEST_FILL:
-            fits = f"{number(1e3 * room * float(exposure(camera)), 3)} ms"
-            cause, ways = "", f"light.exposure of {fits} or less, or none given,"
+        room, overlap = float(full_level(camera) * LARGEST_FILL), float(fill_factor(camera)) > 1 + FEASIBLE
+        cause, ways = "", "a shorter light.exposure"  # where a veil takes the room
+        if room < (LARGEST_FILL if overlap else 1 - FEASIBLE):
+            ways = f"light.exposure of {number(1e3 * room * float(exposure(camera)), 3)} ms or less, or none given,"
+        elif overlap:
+            cause = ", where light of neighbouring images adds up"
+            ways = "images that do not overlap or a shorter exposure"
         yield (
             f"{percent(full)} of the pixels saturate{cause}: depth noise counts them as telling nothing; {ways} leaves "
             "room"

@@ -285,6 +285,11 @@ def test_warnings_name_what_is_odd(paper):
     (full,) = roslf.evaluate(paper.replace({"light.exposure": 1.0})).warnings
     (fits,) = re.findall(r"light.exposure of ([\d.]+) ms or less", full)
     assert not roslf.evaluate(paper.replace({"light.exposure": 1e-3 * float(fits)})).warnings
+    apart = paper.replace({"aperture.diameter": 0.95 * paper.D_F})
+    for changes in ({"light.exposure": 1.8e-3 * float(fits)}, {"light.veil": 0.45}):  # no neighbour's light
+        (full,) = roslf.evaluate(apart.replace(changes)).warnings
+        assert "neighbouring" not in full
+        assert "light.exposure" in full
 
 
 def test_depth_that_overlapping_images_cannot_tell_is_none_and_says_why(paper):
