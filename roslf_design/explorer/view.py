@@ -394,8 +394,8 @@ def _named(evaluation: Evaluation, verdict: Verdict) -> dict[str, str]:
 def _margin(evaluation: Evaluation, verdict: Verdict) -> str:
     """How far a verdict is from its limit, in at most 14 letters."""
     lens, name = evaluation.real_lens, verdict.name
-    if name in ("pupil_imaged", "depth_behind_lens"):
-        return "biased" if name == "depth_behind_lens" else "focused (2.0)"
+    if name == "pupil_imaged":
+        return "focused (2.0)"
     if name == "f_number_matched":
         return f"{_signed(evaluation.f_number.mismatch_px)} px"
     if name == "field_undistorted" and lens is not None:

@@ -599,8 +599,8 @@ def datasheet_section(grounds: SpreadSources) -> Section:
     where = " ± at the focal plane is wherever a camera has that; elsewhere at the distance itself." if spreads else ""
     captions = {
         "Distances": SHARP,
-        EXPECTED: "What a measured depth is to be believed to, on the axis in the focal plane; its last lines say "
-        "to quote of what." + (" How far lengths are off is a part of it: it has no ± of its own." if spreads else ""),
+        EXPECTED: "What a measured depth is to be believed to, on the axis in the focal plane; the last lines say "
+        "which U to quote." + (" How far lengths are off is a part of it: it has no ± of its own." if spreads else ""),
         DEPTH: "What photons and read noise alone allow, one standard deviation of one measurement, "
         f"{depth_basis(grounds.sheet.depth_precision.assumes)}: no instrument reaches it.",
         "Object field": f"Ends are those of the working range{', lengths as drawn' if grounds.looked else ''}.{where}",
