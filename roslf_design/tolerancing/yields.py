@@ -162,7 +162,7 @@ def promised(
 
     Whatever was tuned until some builds hold a target holds it better on these than on others. So the search aims at
     the lower end of the yield's interval, other builds judge, and where these fall short it aims higher by as much, and
-    by 1, 2, 4, ... of the builds searched on at least.
+    by 1, 2, 4, ... of the builds searched on at least, up to what all of these tell.
 
     Parameters
     ----------
@@ -182,7 +182,11 @@ def promised(
         result = judged(best)
         if result.interval[0] >= target:
             return best, result
-        aim += max(target - result.interval[0], FRESH * 2**tried / result.trials)
+        before, searched = aim, result.trials // FRESH
+        aim += max(target - result.interval[0], 2**tried / searched)
+        aim = min(aim, Yield(searched, searched).interval[0])
+        if aim <= before:
+            return None
     return None
 
 

@@ -436,3 +436,20 @@ def test_a_target_that_tighter_tolerances_hold_is_always_found():
         scale, reached = promised(largest, judged, 0.95)
         assert reached.interval[0] >= 0.95
         assert scale > 0.03  # 0.05 would do of endless builds
+
+
+def test_a_target_near_1_is_missed_only_where_the_tightest_of_the_builds_searched_on_misses_it():
+    """Of 800 builds that all pass, the yield's interval begins at .9954: nothing higher is asked for."""
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        own, others = np.sort(rng.random(800)), rng.random(FRESH * 800)
+
+        def largest(aim, own=own):
+            least = least_passed(aim, own.size)
+            return own[-least] if least <= own.size else None
+
+        def judged(scale, others=others):
+            return Yield(int((others >= scale).sum()), others.size)
+
+        reached = judged(own[0]).interval[0] >= 0.99
+        assert (promised(largest, judged, 0.99) is not None) == reached
