@@ -213,7 +213,7 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
     """By Eq. 6; behind a real lens by its traced images, Eq. 6's bound beside it."""
     sees = (
         f"the sensor sees {thin.field_half_width_mm:.4g} mm (half width), {thin.field_half_diagonal_mm:.4g} mm "
-        f"(corner); {_shifted(camera)}{' (thin lens)' * (lens is not None)}"
+        f"(corner); {_shifted(camera)}{' (thin twin)' * (lens is not None)}"
     )
     by_thin = "" if thin.undistorted_in_field else _field_remedy(camera, thin)
     if lens is not None:

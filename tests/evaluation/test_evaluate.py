@@ -350,6 +350,12 @@ def test_behind_a_real_lens_the_f_number_s_verdict_says_which_fill_is_traced():
     assert f"(thin twin; traced through {result.real_lens.lens} at 0, 0 mm: {traced:.4g})" in verdict.text
 
 
+def test_behind_a_real_lens_images_are_said_to_be_shifted_as_the_thin_twin_has_it():
+    """By 12.7 px in the corner of the paper's singlet, where rays have 20."""
+    texts = {one.name: one.text for one in roslf.evaluate("paper-singlet").verdicts}
+    assert re.search(r"shifted by 12\.7 px there, [^;]*\(thin twin\)$", texts["field_undistorted"])
+
+
 def test_verdicts_and_remedies(paper):
     by_name = {verdict.name: verdict for verdict in roslf.evaluate(paper).verdicts}
     assert by_name["f_number_matched"].ok
