@@ -213,10 +213,11 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
     """By Eq. 6; behind a real lens by its traced images, Eq. 6's bound beside it."""
     sees = (
         f"the sensor sees {thin.field_half_width_mm:.4g} mm (half width), {thin.field_half_diagonal_mm:.4g} mm "
-        f"(corner); {_shifted(camera)}{' (thin twin)' * (lens is not None)}"
+        f"(corner); {_shifted(camera)}"
     )
     by_thin = "" if thin.undistorted_in_field else _field_remedy(camera, thin)
     if lens is not None:
+        sees += " (thin twin)"
         bound = (
             f"measured through {lens.lens}, whole out to {lens.x_ml_max_mm:.4g} mm on the MLA "
             f"({lens.x0_max_mm:.4g} mm object radius; thin lens, Eq. 6: {lens.thin_x_ml_max_mm:.4g} mm)"
