@@ -251,7 +251,7 @@ def _shifted(camera: Camera) -> str:
     corner = float(sensor_field(camera).radius)
     shift = abs(corner * float(product(camera.seen.d_2, camera.seen.vergence)) / float(camera.q))
     if shift < SLACK_PX:
-        return "shifted nowhere (telecentric)"
+        return f"shifted by less than {SLACK_PX:g} px there"
     return f"shifted by {number(shift, 3)} px there, no fault once calibrated (0 with the exit pupil at infinity)"
 
 

@@ -177,7 +177,9 @@ def depth_budget(
         ]
         overlap = overlap_error(c)
         if np.any(overlap):
-            remark = f"image fill {_typical(fill_factor(c)):.3g}: beyond {MOST_FILL} views cannot be told apart"
+            remark = (
+                f"image fill {_typical(fill_factor(c)):.3g}: beyond {MOST_FILL[c.layout]} views cannot be told apart"
+            )
             terms.append(BudgetTerm(OVERLAP, "B", "precision", overlap, remark))
     terms += _lengths(c, at, build, calibration)
     warmth = temperature_error(c, at)

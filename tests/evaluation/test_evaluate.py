@@ -305,6 +305,8 @@ def test_depth_that_overlapping_images_cannot_tell_is_none_and_says_why(paper):
     given = roslf.evaluate(design.replace({"depth.disparity_error": 0.05}))
     assert math.isfinite(given.depth_budget.u_z_mm)
     assert "image overlap" not in str(roslf.evaluate(paper))
+    packed = paper.replace({"microlens_array.layout": "hexagonal", "aperture.diameter": 1.4 * paper.D_F})
+    assert math.isinf(roslf.evaluate(packed).depth_budget.u_z_mm)
 
 
 def test_an_ideal_lens_beyond_a_double_gauss_of_f_1_4_over_46_degrees_says_so():

@@ -161,7 +161,11 @@ def depth_precision(design: Design, size: Point = (560, 320), known: KnownLength
     across = across._replace(log=across.high > DECADES * across.low > 0)
     limited = [float(y) for mark in asked if isinstance(mark, Dots) for y in np.ravel(mark.y)]
     up = _up([*expected[finite], *sigma[finite], *limited])
-    sharp = f"{short(focus, 3)} mm" if math.isfinite(focus) else "unknown, as light, texture or images that overlap give none"
+    sharp = (
+        f"{short(focus, 3)} mm"
+        if math.isfinite(focus)
+        else "unknown, as light, texture or images that overlap give none"
+    )
     width, at_focus = max(size[0] - 114, 80.0), sharp.partition(",")[0]
     # Between the curves, which leave the upper middle free; never beyond the panel.
     at = float(across.share(ahead)) * width
