@@ -143,11 +143,13 @@ def depth(
     design, look = as_design(subject), None if simulation.scene is None else load_scene(simulation.scene)
     other = None if simulation.believed is None else as_design(simulation.believed)
     pictures = PictureOptions(region=piece, seed=simulation.seed or 0, exposures=simulation.exposures or 1)
+    title = f"Depth that {design.name} measures"
+    check_options(folder=output, title=title)
     work = Work.of(design, pictures)
     tell_cost(work.seconds, f"{work}; a smaller --region makes it shorter", window_sums.shelved)
     with bar("depth") as tell:
         trial = simulate(design, look, pictures, believed=other, progress=lambda what, share: tell(share))
-    title, blocks = f"Depth that {design.name} measures", (*answers(trial), *basis(trial))
+    blocks = (*answers(trial), *basis(trial))
     _finish(trial, title, blocks, partial(depth_report, trial), command, output, json)
 
 
