@@ -21,11 +21,10 @@ from .stop_images import MicrolensImages
 WARMER = 0.5
 """Step of temperature, for derivatives [K]."""
 MOST_FILL = {"square": 1.5, "hexagonal": 1.35}
-"""Image fill, by layout, beyond which views cannot be told apart: images of several microlenses reach
-three quarters of the pixels. Of a borescope at a fill of 1.4 depths scatter 1.0 times as predicted, at 1.6 1.9 times, at
-1.8 33
-times, and from 1.97 on no pixel shows mostly its own microlens; of the paper's bench 1.8 times at 1.4; of a hexagonal
-array 2.8 times at 1.41, 3.9 at 1.48."""
+"""Image fill, by layout, beyond which views cannot be told apart: images of several microlenses reach three quarters of
+the pixels. Of a borescope at a fill of 1.4 depths scatter 1.0 times as predicted, at 1.6 1.9 times, at 1.8 33 times,
+and from 1.97 on no pixel shows mostly its own microlens; of the paper's bench 1.8 times at 1.4; of a hexagonal array
+2.8 times at 1.41, 3.9 at 1.48."""
 
 
 def plane_at(c: Camera, at: Depth | Array) -> ImagedPlane:
