@@ -128,22 +128,22 @@ class TracedViews:
             column, row = (np.abs(at - axis[:, None]).argmin(1) for at, axis in ((along, x), (down, y)))
             dark = ~good.reshape(NODES, NODES)[np.ix_(row, column)]
         rows, columns = nodes
+        middles, itself = coefficients.astype(np.float32)
         powers = self._powers(field, np.stack(np.meshgrid(x[columns], y[rows]), -1).reshape(-1, 2))
         if powers is None:
             spread = self._spread(field, image[good].mean(0) if good.any() else np.eye(2))
-            middles, itself = coefficients.astype(np.float32)
-            seen = _over_views(middles, itself, np.asarray(pupil, np.float32), spread)
+            powers_of = _over_pupil(np.asarray(pupil, np.float32))
+            seen, more = _over_views(middles, powers_of), _over_views(itself, spread)
         else:
-            seen = np.zeros((2, 2, len(field.t), len(field.s), *dark.shape), np.float32)
-            middles, itself = coefficients.astype(np.float32)
+            seen, more = np.zeros((2, 2, 2, len(field.t), len(field.s), *dark.shape), np.float32)
             over_view = NodeMap.of(rows, columns, dark.shape, dark.shape)
             for t, some in enumerate(np.moveaxis(powers, 2, 0)):
                 here, *farther = over_view(some)
                 for _ in range(2):  # what is seen from other microlenses is seen by images cut as there
                     moved = here + sum(far * by for far, by in zip(farther, seen[1, :, t], strict=True))
-                    mean = products(moved[PUPIL_DEGREE + 1], moved[1], PUPIL_DEGREE)
-                    np.einsum("ksvu,nckvu->ncsvu", mean, middles, out=seen[:, :, t])
-                    seen[:, :, t] += np.einsum("ksvu,nckvu->ncsvu", moved - mean, itself)
+                    seen[:, :, t] = _over_views(middles, _at_mean(moved))
+                more[:, :, t] = _over_views(itself, here - _at_mean(here))
+        seen += _as_seen(seen, more, field)
         seen[0][..., dark], seen[1][..., dark] = np.nan, 0.0
         return seen[0], seen[1]
 
@@ -354,7 +354,7 @@ class TracedViews:
         powers, inside = sampled.image(shape)
         means = sampled(powers * inside)
         means = np.divide(means, means[0], out=np.zeros_like(means), where=means[0] > FAINT)
-        return np.asarray(means - products(means[PUPIL_DEGREE + 1], means[1], PUPIL_DEGREE), np.float32)
+        return np.asarray(means - _at_mean(means), np.float32)
 
     def chief_rays(self, places: Array) -> Array:
         """Rays through the FAP's middle, before all elements, from places in the array's frame (n, 2) [mm].
@@ -590,17 +590,38 @@ def _over_pupil(at: NDArray[Any]) -> NDArray[Any]:
     return products(2 * at[0], 2 * at[1], PUPIL_DEGREE)
 
 
-def _over_views(
-    middles: NDArray[np.float32], itself: NDArray[np.float32], pupil: NDArray[np.float32], spread: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """Polynomials over the pupil, shape (n, 2, terms, v, u), at views, shape (n, 2, t, s, v, u).
+def _at_mean(means: NDArray[Any]) -> NDArray[Any]:
+    """`_over_pupil` at the mean places of light whose means of it, shape (terms, ...), are these."""
+    return products(means[PUPIL_DEGREE + 1], means[1], PUPIL_DEGREE)
 
-    Those of what middles see at mean places, and of what each microlens does over the `spread` of its light about them.
+
+def _over_views(coefficients: NDArray[np.float32], powers: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Polynomials over the pupil, shape (n, 2, terms, v, u), at views: their powers (terms, ...) or (terms, ..., v, u).
+
+    Shape (n, 2, ..., v, u).
     """
-    out = np.moveaxis(np.tensordot(itself, spread, (2, 0)), (2, 3), (-2, -1))
-    if pupil.ndim == 3:
-        return out + np.moveaxis(np.tensordot(middles, _over_pupil(pupil), (2, 0)), (2, 3), (-2, -1))
-    out = np.ascontiguousarray(out)
-    for t in range(pupil.shape[1]):  # all at once would not stay near the processor
-        out[:, :, t] += np.einsum("ksvu,nckvu->ncsvu", _over_pupil(pupil[:, t]), middles)
+    if powers.ndim == 3:
+        return np.moveaxis(np.tensordot(coefficients, powers, (2, 0)), (2, 3), (-2, -1))
+    if powers.ndim == 4:
+        return np.einsum("ksvu,nckvu->ncsvu", powers, coefficients)
+    out = np.empty((*coefficients.shape[:2], *powers.shape[1:]), np.float32)
+    for t in range(powers.shape[1]):  # all at once would not stay near the processor
+        np.einsum("ksvu,nckvu->ncsvu", powers[:, t], coefficients, out=out[:, :, t])
+    return out
+
+
+def _as_seen(seen: NDArray[np.float32], more: NDArray[np.float32], field: LightField) -> NDArray[np.float32]:
+    """What P and E `seen` of middles change by what microlenses themselves see `more`, all (2, 2, t, s, v, u).
+
+    That is known where a microlens stands, and looked for where what it sees is: to first order both move it.
+    """
+    if min(seen.shape[-2:]) < 2:
+        return more
+    out, steps = more.copy(), (field.v, field.u)
+    for t in range(seen.shape[2]):
+        slopes = [np.stack(np.gradient(part[:, :, t], *steps, axis=(-2, -1))[::-1]) for part in (seen, more)]
+        for ways, slope in ((seen[:, :, t], slopes[1]), (more[:, :, t], slopes[0])):
+            for k in range(2):  # along u, along v
+                out[:, :, t] += ways[1, k] * slope[k]
+                out[0, :, t] += ways[0, k] * slope[k, 1]
     return out
