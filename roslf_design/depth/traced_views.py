@@ -603,7 +603,7 @@ def _over_views(coefficients: NDArray[np.float32], powers: NDArray[np.float32]) 
     if powers.ndim == 3:
         return np.moveaxis(np.tensordot(coefficients, powers, (2, 0)), (2, 3), (-2, -1))
     if powers.ndim == 4:
-        return np.einsum("ksvu,nckvu->ncsvu", powers, coefficients)
+        return np.asarray(np.einsum("ksvu,nckvu->ncsvu", powers, coefficients))
     out = np.empty((*coefficients.shape[:2], *powers.shape[1:]), np.float32)
     for t in range(powers.shape[1]):  # all at once would not stay near the processor
         np.einsum("ksvu,nckvu->ncsvu", powers[:, t], coefficients, out=out[:, :, t])
@@ -619,7 +619,7 @@ def _as_seen(seen: NDArray[np.float32], more: NDArray[np.float32], field: LightF
         return more
     out, steps = more.copy(), (field.v, field.u)
     for t in range(seen.shape[2]):
-        slopes = [np.stack(np.gradient(part[:, :, t], *steps, axis=(-2, -1))[::-1]) for part in (seen, more)]
+        slopes = [np.stack([np.gradient(part[:, :, t], steps[k], axis=k - 2) for k in (1, 0)]) for part in (seen, more)]
         for ways, slope in ((seen[:, :, t], slopes[1]), (more[:, :, t], slopes[0])):
             for k in range(2):  # along u, along v
                 out[:, :, t] += ways[1, k] * slope[k]
