@@ -151,12 +151,13 @@ def evaluate(
     traced = trace_lens(design, axes, non_distortion)
     budget = depth_budget(camera, build=build, calibration=calibration)
     depth, focused = _depth(design, camera, budget), FocusedArray.of(camera)
-    answer = FirstAnswer.of(FieldImages.of(design) if shown is None else shown, at, build, calibration, budget)
+    shown = FieldImages.of(design) if shown is None else shown
+    answer = FirstAnswer.of(shown, at, build, calibration, budget)
 
     def budget_at(distance: float | None) -> DepthBudget:
         return budget if distance is None else depth_budget(camera, distance, build=build, calibration=calibration)
 
-    required = requirements(design, camera, answer.field_of_view_deg, budget_at)
+    required = requirements(shown, camera, budget_at)
     asked = [one.verdict for one in required]
     answers = verdicts_of(camera, f_number, non_distortion, sampling, traced, focused, answer, asked)
     method = [METHOD]
@@ -203,7 +204,7 @@ def held_as_built(result: Evaluation, design: Design, build: LengthCovariance) -
     """An evaluation of a design whose requirements and working range, they alone, count its lengths as built."""
     camera = Camera.of(design)
     budget = partial(depth_budget, camera, build=build)
-    required = requirements(design, camera, result.answer.field_of_view_deg, budget)
+    required = requirements(FieldImages.of(design), camera, budget)
     answer = result.answer.within(WorkingRange.of(camera, budget)) if result.answer.sharp_views_mm else result.answer
     return held_to(replace(result, answer=answer), required)
 

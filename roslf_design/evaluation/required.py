@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from .._arrays import Array
 from ..camera import Camera
 from ..design import Design, preset_names
+from ..design.parts import PATHS
 from ..errors import InputError, Problem
 from ..theory import tube
 from ..theory.depth_budget import BUILT, CALIBRATED, COVERAGE, DepthBudget, depth_budget
@@ -25,7 +26,7 @@ from ..theory.quantities import quantity_named
 from ..words import number
 from .groups import Verdict
 from .remedies import reaching
-from .specification import FieldImages, FieldOfView
+from .specification import ASKED, FieldImages, FieldOfView, ObjectField, resolved
 
 WAYS = "`roslf sweep` shows what moves it, and as a study's [[constraints]] `roslf optimize` holds it"
 """Remedy of a limit that is not held."""
@@ -39,6 +40,15 @@ AS_BUILT = (
     "datasheet`) tell it with them"
 )
 """Remedy of a depth that is held by the lengths as drawn alone."""
+NO_LENS_MOVES = frozenset(
+    (
+        *("working_distance_mm", "direction_of_view_deg", "object_magnification", "object_sample_mm", "fold_lp_per_mm"),
+        *("outer_diameter_mm", "largest_diameter_mm", "total_length_mm", "camera_length_mm", "lateral_samples"),
+        *("f_number_microlens", "f_number_microlens_lens", "fresnel_number", "views_independent", "airy_radius_px"),
+        *PATHS,
+    )
+)
+"""Quantities that a thin twin has as its real lens has them: of parts, or on the axis to first order."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +72,8 @@ class Requirement:
     """Reservation about a limit that is met, as "as drawn"; empty where it is met without one."""
     remedy: str = ""
     """Remedy of that, or of a limit that is missed, in a sentence."""
+    thin_twin: float | None = None
+    """Value of the thin twin, by which sweeps and studies go, where `value` is of rays through a real lens."""
 
     def holds(self, values: Array | float) -> NDArray[np.bool_]:
         """Where values are within, but for what an optimiser's rounding may leave; nowhere where they are NaN."""
@@ -119,17 +131,18 @@ class Requirement:
 
 
 def requirements(
-    design: Design, camera: Camera, view: FieldOfView, budget: Callable[[float | None], DepthBudget]
+    shown: FieldImages, camera: Camera, budget: Callable[[float | None], DepthBudget]
 ) -> tuple[Requirement, ...]:
     """Every requirement of a design, in the order of its file.
 
+    Of a real lens rays tell what they can; what its thin twin alone tells is met with that reservation.
+
     Parameters
     ----------
-    design : Design
+    shown : FieldImages
+        Those of the design.
     camera : Camera
         Its own.
-    view : FieldOfView
-        From the entrance pupil, of the rays that a real lens lets through.
     budget : callable
         Budget of depth at a distance ahead of the tip [mm], None being the focal plane.
 
@@ -138,33 +151,30 @@ def requirements(
     DesignError
         A quantity that is none, or a limit in another unit.
     """
-    own: dict[str, Callable[[float | None], float]] = {
-        "u_z_mm": lambda at: float(budget(at).u_z_mm),
-        "field_of_view_deg": lambda _: view.diagonal,
-        "field_of_view_width_deg": lambda _: view.width,
-        "field_of_view_height_deg": lambda _: view.height,
-    }
+    lens = shown.design.lens
     counted: dict[str, Callable[[float | None], str]] = {
         "u_z_mm": lambda at: budget(at).counted,
         "outer_diameter_mm": lambda _: tube.walls(camera)[1],
     }
     told = []
-    for asked, quantity, low, high in limits(design):
-        known = own.get(quantity.name)
-        value = float(quantity(camera, asked.at)) if known is None else known(asked.at)
+    for asked, quantity, low, high in limits(shown.design):
+        depth = quantity.name == "u_z_mm"
+        closed = float(budget(asked.at).u_z_mm) if depth else float(quantity(camera, asked.at))
+        rays = _of_rays(shown, quantity.name, asked.at)
+        value = closed if rays is None else rays
         undefined = math.isnan(value) or (quantity.of_views and not has_views(camera))
         met = not undefined and bool(quantity.within(low, high, value))
         where = "" if asked.at is None else f" at {number(asked.at, 4)} mm"
         label = (quantity.label or quantity.name) + where
-        at, shown = asked.at, None if undefined else value
+        at, known = asked.at, None if undefined else value
         counts = counted[quantity.name](at) if quantity.name in counted and not undefined else ""
         only = remedy = ""
         fold = float(quantity_named("fold_lp_per_mm")(camera, at)) if quantity.name.startswith("mtf") else math.inf
         if value > fold:
             counts = f"of contrast; detail above {number(fold, 4)} {quantity.unit} aliases"
-        if met and quantity.name == "u_z_mm" and budget(at).as_drawn:
+        if met and depth and budget(at).as_drawn:
             only, remedy = "as drawn", AS_BUILT
-        elif quantity.name == "u_z_mm" and not undefined and high is not None and value > high:
+        elif depth and not undefined and high is not None and value > high:
             remedy = _of_depth(budget(at), high)
         elif met and low is not None and low > fold:
             place = "" if at is None else f'at = "{at:g} mm", '
@@ -174,13 +184,23 @@ def requirements(
                 "detail keeps; smaller microlenses or a shorter distance raise it, and fold_lp_per_mm = "
                 f"{{{place}min = {low:g}}} requires it"
             )
-        elif not met and known is None and not undefined and not quantity.numeric:
+        elif not met and rays is None and not undefined and not quantity.numeric:
             alone = reaching(camera, quantity, at, low, high)
             remedy = f"{alone}; {WAYS}" if alone else ""
         elif met and quantity.name == "working_distance_mm" and low is not None and high is not None:
             only, remedy = _of_the_focal_plane(camera, low, high)
-        numbers = (at, low, high, shown)
-        told.append(Requirement(quantity.name, label, *numbers, quantity.unit, met, counts, only, remedy))
+        twin = None if lens is None or value == closed or math.isnan(closed) else closed
+        if twin is not None:
+            of_twin = f"of rays; of the thin twin, as studies count it, {number(twin, 4)} {quantity.unit}"
+            counts = "; ".join(filter(None, (counts, of_twin)))
+            if not met and quantity.within(low, high, twin):
+                remedy = "sweeps and studies go by the thin twin, which holds it: set them a limit as much tighter"
+        elif lens is not None and met and quantity.name not in NO_LENS_MOVES:
+            only = ", ".join(filter(None, (only, "by the thin twin alone")))
+            beyond = f"no aberration of {lens.name} is in that: leave it room to spare"
+            remedy = "; ".join(filter(None, (remedy, beyond)))
+        numbers = (at, low, high, known)
+        told.append(Requirement(quantity.name, label, *numbers, quantity.unit, met, counts, only, remedy, twin))
     return tuple(told)
 
 
@@ -188,8 +208,8 @@ def required_of(design: Design, build: LengthCovariance | None = None) -> tuple[
     """Requirements of a design as `evaluate` judges them, its lengths as drawn or as built."""
     if not design.required:
         return ()
-    camera, view = Camera.of(design), FieldOfView.of(FieldImages.of(design).ends, None)
-    return requirements(design, camera, view, partial(depth_budget, camera, build=build))
+    camera = Camera.of(design)
+    return requirements(FieldImages.of(design), camera, partial(depth_budget, camera, build=build))
 
 
 def missed_words(required: Sequence[Requirement]) -> str:
@@ -200,6 +220,26 @@ def missed_words(required: Sequence[Requirement]) -> str:
 def limits_for_study(design: Design, name: str = "quantity") -> tuple[dict[str, Any], ...]:
     """Limits of a design's `[required]` as tables of a study's file, the quantity's name under the key `name`."""
     return tuple({name: asked.quantity, **asked.limits()} for asked in design.required)
+
+
+def _of_rays(shown: FieldImages, name: str, at: float | None) -> float | None:
+    """Value that rays through the main lens tell, NaN where they show none; None of what its thin twin alone tells."""
+    camera = shown.images.camera
+    plane = float(quantity_named("working_distance_mm")(camera)) if at is None else at
+    way = next((way for way in ("width", "height") if way in name), "diagonal")
+    value: float | None = None
+    if name.startswith("field_of_view"):
+        value = getattr(FieldOfView.of(shown.ends, None), way)
+    elif shown.design.lens is None:
+        return None
+    elif name.startswith("tip_field_of_view"):
+        value = getattr(FieldOfView.of(shown.ends, plane), way)
+    elif name == f"field_half_{way}_mm":
+        value = getattr(ObjectField.of(shown.ends, plane, ASKED), f"{way}_mm") / 2
+    elif name in ("mtf50_lp_per_mm", "mtf10_lp_per_mm") and has_views(camera):
+        found = getattr(resolved(shown.images, 0, (ASKED, plane), "refocused"), name)
+        value = math.nan if found is None else found
+    return value
 
 
 def _of_depth(budget: DepthBudget, most: float) -> str:

@@ -378,7 +378,7 @@ def _asked(required: Sequence[Requirement]) -> dict[str, str]:
         symbol = "u " if required[0].expanded(1.0) else ""
         return _light([required[0].verdict], title=labels[0], margin=f"{symbol}{value} of {required[0].limits}")
     missed = [label for label, one in zip(labels, required, strict=True) if not one.met]
-    drawn = sum(one.outcome == "met as drawn" for one in required)
+    drawn = sum(one.outcome.startswith("met as drawn") for one in required)
     margin = f"{len(required) - len(missed)} of {len(required)} met" + f", {drawn} as drawn" * bool(drawn)
     if missed:
         margin += f"; missed: {missed[0]}" + f" and {len(missed) - 1} more" * (len(missed) > 1)

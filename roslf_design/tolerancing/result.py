@@ -178,7 +178,7 @@ class StudyResult(BriefValue):
         design, short = self.plan.question.design, []
         for one in required_of(design, self.built):
             counted = is_counted(self.final, one)
-            alone = one.met and not counted and of_builds(one, bool(design.main_lens.kind.mounted))
+            alone = one.met and not counted and of_builds(one)
             share = share_that_meets(self.plan, self.final, one) if alone else Yield(int(one.met), 1)
             if share.value < self.study.yield_target and not counted:
                 met = (
@@ -285,9 +285,9 @@ def is_counted(final: Variant, one: Requirement) -> bool:
     return any(low <= limit.low and limit.high <= high for limit in at_fields)
 
 
-def of_builds(one: Requirement, traced: bool) -> bool:
+def of_builds(one: Requirement) -> bool:
     """Whether a study's builds, of a real lens cameras of thin twins, tell how many of them meet a requirement."""
-    return one.quantity != "u_z_mm" and not (traced and one.quantity.startswith("field_of_view"))
+    return one.quantity != "u_z_mm" and one.thin_twin is None
 
 
 def limit_of(one: Requirement) -> tuple[str, float, float]:
@@ -455,6 +455,9 @@ def _warnings(
     for name in plan.question.metrics:
         if name in left_out:
             yield f"{name} is not traced behind the real lens: its formula leaves out {left_out[name]}"
+    if twins := plan.of_thin_twins:
+        named = ", ".join(twins)
+        yield f"of the thin twin, nominal and of each build (`roslf evaluate` traces field and detail): {named}"
     axial = [column.label for column in plan.columns if column.field is None]
     if axial and any(".tilt." in p.place and not p.place.startswith("elements.") for p in plan.draws.perturbations):
         yield f"of the whole camera, on its axis, so blind to decentres and tilts: {', '.join(axial)}"

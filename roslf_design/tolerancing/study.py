@@ -36,13 +36,14 @@ from ..design.files import expect_kind
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..evaluation.fields import MOST_FIELDS
-from ..evaluation.required import limits_for_study, studied
+from ..evaluation.required import NO_LENS_MOVES, limits_for_study, studied
 from ..options import Options, Seed, up_to
 from ..sobol import BITS
 from ..theory.focused import focus_faults
 from ..theory.quantity import finite
 from ..toml_files import StrictTable, nearest, problems_of, read_toml
 from ..units import Length, in_file, read_quantity
+from ..words import number
 from .draws import Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
 from .metrics import DISTANT, METRICS, Column, Question, evaluate_builds, faults_of
@@ -97,7 +98,7 @@ def _field_place(value: Any, info: ValidationInfo) -> Any:
         raise ValueError(
             f'{value!r} is no field; write {", ".join(FIELD_NAMES)} or a place on the array ["2 mm", "0 mm"]'
         )
-    return tuple(read_quantity(number, "length", unit_required=in_file(info)) for number in value)
+    return tuple(read_quantity(one, "length", unit_required=in_file(info)) for one in value)
 
 
 def _metric(name: str) -> str:
@@ -387,10 +388,24 @@ class TolerancePlan:
         return tuple(faults_of(self.question, {}, 1))
 
     def nominal_misses(self) -> tuple[str, ...]:
-        """Labels of the limits that the nominal design itself does not hold: no tolerance mends those."""
-        nominal = self.nominal
-        missed = [self.columns[l.column].label for l in self.limits if not l.low <= nominal[l.column] <= l.high]
+        """Labels of the limits that the nominal design itself does not hold: no tolerance mends those.
+
+        What is a thin twin's has its value, so that it is not taken for the one that rays tell.
+        """
+        missed, twins = [], self.of_thin_twins
+        for limit in self.limits:
+            label, value = self.columns[limit.column].label, float(self.nominal[limit.column])
+            if not limit.low <= value <= limit.high:
+                missed.append(f"{label} ({number(value, 4)} of the thin twin)" if label in twins else label)
         return tuple(dict.fromkeys(missed))
+
+    @property
+    def of_thin_twins(self) -> tuple[str, ...]:
+        """Labels of what is told of the thin twin of a build, behind a real lens; nothing behind an ideal one."""
+        if self.question.design.lens is None:
+            return ()
+        whole = (column for column in self.columns if column.field is None)
+        return tuple(column.label for column in whole if column.metric not in NO_LENS_MOVES)
 
     def passes(self, values: Array) -> NDArray[np.bool_]:
         """Which limits hold, shape (limits, trials), for values of shape (columns, trials); NaN never passes."""

@@ -47,7 +47,7 @@ def test_limits_are_held_against_what_the_tables_say():
         "quantity": "u_z_mm", "label": near.label, "at_mm": 20.0, "min": None, "max": 0.5, "value": near.value,
         "unit": "mm", "met": True,
         "counts": "of shot and read noise and view mismatch, without lengths as built and temperature",
-        "only": "as drawn", "remedy": AS_BUILT,
+        "only": "as drawn", "remedy": AS_BUILT, "thin_twin": None,
     }  # fmt: skip
     assert told[3]["value"] is None  # infinite
     assert told[3]["met"]
@@ -150,6 +150,36 @@ def test_a_real_lens_is_held_to_its_traced_field():
     design = loads(preset_path("paper-singlet").read_text() + "\n[required]\nfield_of_view_width_deg = {min = 1}\n")
     result = roslf.evaluate(design)
     assert result.required[0].value == result.answer.field_of_view_deg.width
+    assert result.required[0].thin_twin == float(roslf.quantity("field_of_view_width_deg")(roslf.Camera.of(design)))
+
+
+def test_a_real_lens_gets_no_tick_by_a_number_of_its_thin_twin():
+    """Rays and thin twin apart: a limit between them is missed, and what no ray tells is met with a reservation."""
+    preset = preset_path("paper-singlet").read_text()
+    place, thin = 200.0, roslf.Camera.of(loads(preset))
+    twin = float(roslf.quantity("mtf50_lp_per_mm")(thin, at=place))
+    traced = roslf.evaluate("paper-singlet", at=[place]).answer.at[1]
+    assert traced.limited_by == "contrast"
+    assert traced.usable_lp_per_mm < twin  # else this tests nothing
+
+    def judged(text, **options):
+        return roslf.evaluate(loads(f"{preset}\n[required]\n{text}\n"), **options)
+
+    between = judged(f'mtf50_lp_per_mm = {{at = "200 mm", min = {(traced.usable_lp_per_mm + twin) / 2!r}}}')
+    (one,), verdict = between.required, between.verdicts[0]
+    assert (one.value, one.thin_twin, one.met) == (traced.usable_lp_per_mm, twin, False)
+    assert (verdict.level, "go by the thin twin, which holds it" in verdict.remedy) == ("fault", True)
+    assert f"of rays; of the thin twin, as studies count it, {number(twin, 4)} lp/mm" in verdict.text
+    build = LengthCovariance(("sensor.distance",), np.array([[1e-8]]))
+    held = judged(
+        'mtf50_lp_per_mm = {at = "200 mm", min = 1}\nu_z_mm = {max = "1 m"}\nfill_factor = {min = 0.1}\n'
+        'outer_diameter_mm = {max = "1 m"}\nfield_half_width_mm = {min = 1}',
+        build=build,
+    )
+    alone = "by the thin twin alone"
+    assert [one.only for one in held.required] == ["", alone, alone, "", ""]
+    assert [verdict.level for verdict in held.verdicts[:5]] == ["good", "limit", "limit", "good", "good"]
+    assert held.required[4].value == held.answer.at[0].width_mm / 2
 
 
 def test_pixels_that_are_no_views_hold_no_limit_on_views():

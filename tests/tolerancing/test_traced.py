@@ -8,10 +8,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from roslf_design._arrays import sunflower
+from roslf_design.camera import Camera
 from roslf_design.design import load
 from roslf_design.fates import ImageFate
 from roslf_design.lenses.prescription import first_order
 from roslf_design.reporting.story import _run_tolerances
+from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.metrics import METRICS, Question, builds_of, evaluate_builds, faults_of
 from roslf_design.tolerancing.places import LENS, LENSLETS, load_grades, nominal_values, perturbable
 from roslf_design.tolerancing.run import WorkerSettings, run_trials
@@ -338,6 +340,23 @@ def test_a_study_says_what_goes_by_a_formula_behind_a_real_lens():
     for design, behind in (("paper-singlet", True), ("paper", False)):
         warnings = _run_tolerances({**data, "design": design}, budgets=False).warnings
         assert any("undistorted_field_mm is not traced behind the real lens" in w for w in warnings) == behind
+
+
+def test_a_nominal_design_s_miss_says_that_it_is_the_thin_twin_s():
+    data = {
+        "name": "n",
+        "trials": 64,
+        "sobol_samples": 0,
+        "perturb": [{"place": "sensor.distance", "tolerance": "1 um"}],
+    }
+    data["goals"] = [{"metric": "field_of_view_deg", "min": 60}, {"metric": "outer_diameter_mm", "max": 1}]
+    for design, behind in (("paper-singlet", True), ("paper", False)):
+        plan = plan_from({**data, "design": design})
+        view, diameter = plan.nominal_misses()
+        nominal = float(QUANTITIES["field_of_view_deg"](Camera.of(plan.question.design)))
+        assert view == "field_of_view_deg" + f" ({nominal:.4g} of the thin twin)" * behind
+        assert diameter == "outer_diameter_mm"
+        assert plan.of_thin_twins == ("field_of_view_deg",) * behind
 
 
 def test_images_partly_out_of_the_lenss_sight_are_those_of_each_build_traced_alone():

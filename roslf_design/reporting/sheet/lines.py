@@ -157,10 +157,10 @@ class BuildSpread(NamedTuple):
                 deviations[line.key] = float(np.std(values, ddof=1))
         return {key: deviation for key, deviation in deviations.items() if math.isfinite(deviation)}
 
-    def judged(self, one: Requirement, traced: bool) -> Requirement:
+    def judged(self, one: Requirement) -> Requirement:
         """Requirement with the share of builds that meet it: met as drawn, no more, below the target yield."""
         share, words, only, remedy = 1.0, "of the nominal design", one.only, one.remedy
-        if of_builds(one, traced):
+        if of_builds(one):
             meeting = share_that_meets(self.plan, self.final, one)
             share, words = meeting.value, f"{number(100 * meeting.value, 4)} % of {meeting.trials:,} builds meet it"
         if one.met and share < self.target:
@@ -247,7 +247,7 @@ def _lines(
     """Lines of the page; budgets of depth are by distance, of the focal plane by None."""
     design = shown.design
     camera = Camera.of(design)
-    yield from _required_lines(required, traced)
+    yield from _required_lines(required)
     pupil, _, tip, *_ = sheet.field_of_view_deg  # of the rays that a real lens lets through
     ways = {"": "diagonal", "width_": "width", "height_": "height"}
     angles = {f"field_of_view_{part}deg": getattr(pupil, way) for part, way in ways.items()}
@@ -320,10 +320,10 @@ def _lines(
     yield _SheetLine("Body", PARTS, None, "", parts, text=str(len(sheet.parts)))
 
 
-def _required_lines(required: Iterable[Requirement], traced: bool) -> Iterator[_SheetLine]:
+def _required_lines(required: Iterable[Requirement]) -> Iterator[_SheetLine]:
     """Lines on what the design file asks for, met or not, with the mark of a warning where met with a reservation."""
     for one in required:
-        by_builds = of_builds(one, traced)
+        by_builds = of_builds(one)
         of, own = None, one.quantity if by_builds else ""
         if by_builds and one.at_mm is not None:
             of, own = partial(_at_distance, QUANTITIES[one.quantity], one.at_mm, 1.0), ""
@@ -350,7 +350,7 @@ def _range_lines(within: WorkingRange) -> Iterator[_SheetLine]:
 def told_as_built(grounds: SpreadSources, required: Sequence[Requirement]) -> SpreadSources:
     """Sources whose lines on the working range and on a required depth count lengths as a first look builds them."""
     count, looked, camera = len(required), "; lengths as a first look builds them", Camera.of(grounds.design)
-    told = zip(required, grounds.rows[:count], _required_lines(required, False), strict=True)
+    told = zip(required, grounds.rows[:count], _required_lines(required), strict=True)
     rows = [new._replace(remark=new.remark + looked) if one.quantity == "u_z_mm" else old for one, old, new in told]
     within = _range_lines(WorkingRange.of(camera, partial(depth_budget, camera, build=grounds.looked)))
     others = grounds.rows[count:]
@@ -509,9 +509,9 @@ def basis(
     budget = partial(depth_budget, camera, build=build, calibration=lengths)
     sheet, sentences = specification(design, at, shown, budget), []
     budgets = {far: budget(far) for far in (None, *at)}
-    required = requirements(shown.design, camera, sheet.field_of_view_deg[0], budget)
+    required = requirements(shown, camera, budget)
     traced = design.lens is not None  # whose builds are cameras of thin twins
-    judged = () if built is None else tuple(built.judged(one, traced) for one in required)
+    judged = () if built is None else tuple(built.judged(one) for one in required)
     lines = tuple(_lines(shown, sheet, budgets, judged or required, traced))
     rows = tuple(line for line in lines if sheet.has_views or not line.of_views)
     if built is not None:
