@@ -151,7 +151,7 @@ def requirements(
     DesignError
         A quantity that is none, or a limit in another unit.
     """
-    lens = shown.design.lens
+    lens = shown.design.main_lens.kind
     counted: dict[str, Callable[[float | None], str]] = {
         "u_z_mm": lambda at: budget(at).counted,
         "outer_diameter_mm": lambda _: tube.walls(camera)[1],
@@ -189,13 +189,13 @@ def requirements(
             remedy = f"{alone}; {WAYS}" if alone else ""
         elif met and quantity.name == "working_distance_mm" and low is not None and high is not None:
             only, remedy = _of_the_focal_plane(camera, low, high)
-        twin = None if lens is None or value == closed or math.isnan(closed) else closed
+        twin = None if value == closed or not lens.mounted or math.isnan(closed) else closed
         if twin is not None:
             of_twin = f"of rays; of the thin twin, as studies count it, {number(twin, 4)} {quantity.unit}"
             counts = "; ".join(filter(None, (counts, of_twin)))
             if not met and quantity.within(low, high, twin):
                 remedy = "sweeps and studies go by the thin twin, which holds it: set them a limit as much tighter"
-        elif lens is not None and met and quantity.name not in NO_LENS_MOVES:
+        elif lens.mounted and met and quantity.name not in NO_LENS_MOVES:
             only = ", ".join(filter(None, (only, "by the thin twin alone")))
             beyond = f"no aberration of {lens.name} is in that: leave it room to spare"
             remedy = "; ".join(filter(None, (remedy, beyond)))
@@ -230,7 +230,7 @@ def _of_rays(shown: FieldImages, name: str, at: float | None) -> float | None:
     value: float | None = None
     if name.startswith("field_of_view"):
         value = getattr(FieldOfView.of(shown.ends, None), way)
-    elif shown.design.lens is None:
+    elif not shown.design.main_lens.kind.mounted:
         return None
     elif name.startswith("tip_field_of_view"):
         value = getattr(FieldOfView.of(shown.ends, plane), way)

@@ -402,7 +402,7 @@ class TolerancePlan:
     @property
     def of_thin_twins(self) -> tuple[str, ...]:
         """Labels of what is told of the thin twin of a build, behind a real lens; nothing behind an ideal one."""
-        if self.question.design.lens is None:
+        if not self.question.design.main_lens.kind.mounted:
             return ()
         whole = (column for column in self.columns if column.field is None)
         return tuple(column.label for column in whole if column.metric not in NO_LENS_MOVES)
