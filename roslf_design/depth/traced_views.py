@@ -611,7 +611,7 @@ def _over_views(coefficients: NDArray[np.float32], powers: NDArray[np.float32]) 
 
 
 def _as_seen(seen: NDArray[np.float32], more: NDArray[np.float32], field: LightField) -> NDArray[np.float32]:
-    """What P and E `seen` of middles change by what microlenses themselves see `more`, all (2, 2, t, s, v, u).
+    """Change of P and E that middles have, `seen`, by what microlenses themselves see `more`, all (2, 2, t, s, v, u).
 
     That is known where a microlens stands, and looked for where what it sees is: to first order both move it.
     """
