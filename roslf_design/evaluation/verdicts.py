@@ -293,7 +293,7 @@ def _fits(camera: Camera) -> Verdict:
 def _field_remedy(camera: Camera, field: Numbers) -> str:
     grow, others = 2 * abs(field.room_at_corner_mm), "a smaller FAP or a smaller sensor"
     limiting = field.limited_by.partition(",")[0]  # of either face of an element
-    if any(part.name == limiting and part.width + grow > tube.room(camera) for part in tube.housed(camera)):
+    if any(part.name == limiting and part.clear + grow > tube.room(camera) for part in tube.housed(camera)):
         return f"the tube leaves no room to widen {the(field.limited_by)}: {others}, or a wider tube, frees the field"
     if field.limited_by == "main lens":
         return (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from ..bore.opening import ClearAperture
 from ..bore.part import Number
 from ..camera import Camera
 from ..design import PATHS
+from ..lenses.prescription import Prescription
 from ..words import number
 
 WALL, GUIDE, LENGTH, OUTER = "tube.wall", "tube.light_guide", "tube.length", "tube.outer_diameter"
@@ -23,9 +25,11 @@ class _Housed(NamedTuple):
     name: str
     """Name in ray budgets; of an element's two faces both."""
     width: Number
-    """Diameter or diagonal, and twice how far it is decentred [mm]."""
+    """Diameter, of a real lens that of its widest surface, or diagonal, and twice how far it is decentred [mm]."""
     place: Number
     """Its end towards the scene [mm before the main lens, below 0 behind it]."""
+    clear: Number
+    """The same of its clear aperture [mm]."""
 
     def inside(self, c: Camera) -> Array:
         """Whether it lies in the tube: no farther behind the tip than that is long."""
@@ -36,12 +40,13 @@ class _Housed(NamedTuple):
 def housed(c: Camera) -> tuple[_Housed, ...]:
     """FAP, stops, elements, main lens, array and sensor.
 
-    Without elements of no given diameter, and without the sensor where a relay stands between, which may be anywhere.
+    Without elements of no known diameter, and without the sensor where a relay stands between, which may be anywhere.
     """
     numbers = c.numbers
 
-    def part(name: str, key: str, width: Number, place: Number) -> _Housed:
-        return _Housed(name, width + 2 * np.hypot(numbers[f"{key}.decentre.0"], numbers[f"{key}.decentre.1"]), place)
+    def part(name: str, key: str, width: Number, place: Number, glass: float = 0.0) -> _Housed:
+        aside = 2 * np.hypot(numbers[f"{key}.decentre.0"], numbers[f"{key}.decentre.1"])
+        return _Housed(name, np.maximum(width, glass) + aside, place, width + aside)
 
     def diagonal(key: str) -> Number:
         size: Number = np.hypot(numbers[f"{key}.0"], numbers[f"{key}.1"])
@@ -51,14 +56,21 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
         part(rim.name, rim.part, 2 * ClearAperture.of(numbers, rim.part).reach, rim.ruler_distance)
         for rim in c.stop_openings
     ]
-    wide = (at for at in c.in_bore if f"{at.at.place}.diameter" in numbers)
-    parts += [part(at.name, at.at.place, at.diameter, at.end) for at in wide]
+    for at in c.in_bore:
+        glass = _widest(at.element.prescribed)
+        if glass or f"{at.at.place}.diameter" in numbers:
+            parts.append(part(at.name, at.at.place, at.at.get("diameter", glass), at.end, glass))
     array, d_2 = -numbers[PATHS["d_1"]] - c.lens.gap, numbers[PATHS["d_2"]]
-    parts.append(part("main lens", "main_lens", numbers[PATHS["D"]], 0.0))
+    parts.append(part("main lens", "main_lens", numbers[PATHS["D"]], 0.0, _widest(c.lens.prescribed)))
     parts.append(part("microlens array", "microlens_array", diagonal("microlens_array.size"), array))
     if _holds_sensor(c):
         parts.append(part("sensor", "sensor", diagonal(PACKAGE if _packaged(c) else "sensor.size"), array - d_2))
     return tuple(parts)
+
+
+def _widest(lenses: Iterable[Prescription]) -> float:
+    """Diameter of the widest surface of real lenses [mm], which a stop at them makes no narrower; 0 of none."""
+    return 2 * max((surface.semi_diameter for lens in lenses for surface in lens.surfaces), default=0.0)
 
 
 def _holds_sensor(c: Camera) -> bool:

@@ -10,6 +10,8 @@ from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design import DesignError, dumps, loads, save
 from roslf_design.explorer.fixes import proposals
+from roslf_design.lenses.glass import AIR, find_glass
+from roslf_design.lenses.prescription import Prescription, Surface
 from roslf_design.optimization.solve import Settings, solve
 from roslf_design.optimization.variables import name_faults
 from roslf_design.theory.tube import housed, room
@@ -190,3 +192,27 @@ def test_a_tube_counts_the_sensors_package_and_a_light_guide_and_says_what_it_do
     assert "without" not in held.text
     with pytest.raises(DesignError, match="wall and light_guide are half the outer diameter"):
         lit.replace({"tube.light_guide": 1.95})
+
+
+def test_a_real_lens_is_as_wide_as_its_widest_surface_whatever_its_clear_aperture(scope):
+    """A window of 9.6 mm before a lens of 6 and 5 mm, in a bore of 9.5 mm; a stop at it makes it no narrower."""
+    glass, half = find_glass("N-BK7"), (4.8, 4.8, 3.0, 2.5)
+    shapes = [(-0.002, 1.0, glass), (-0.002, 2.0, AIR), (0.0095, 2.0, glass), (-0.0095, 0.0, AIR)]
+    lens = Prescription(tuple(Surface(c, h, t, g) for h, (c, t, g) in zip(half, shapes, strict=True)))
+    small = {"sensor.size": (3.0, 4.0)}
+    group = {"kind": "prescription", "distance": 60.0, "prescription": lens}
+    in_bore = scope.replace({**small, "elements": [*scope.elements, group]})
+    for design, name in (
+        (in_bore, "prescription 2"),
+        (scope.replace({**small, "main_lens": {"prescription": lens}}), "main lens"),
+    ):
+        told = fits(design)
+        assert f"too wide: {name} (9.6 mm, 0.1 mm too much)" in told.text
+        assert "a tube of 10.1 mm outside" in told.remedy
+        assert outer(design) == pytest.approx(9.6 + 0.5)
+    assert float(design.D) == 5.0
+    assert outer(design.replace({"main_lens.diameter": 4.0})) == pytest.approx(10.1)
+    asked = (limit("outer_diameter_mm", high=10.0),)
+    problem = posed({"d_3": (100.0, 120.0)}, asked, goal("d_3", "max"), design=design)
+    row = [row.label for row in problem.rows].index("outer_diameter_mm (main lens) <= 10 mm")
+    assert (problem.vector(np.full((3, 1), 0.5))[1:][row] > 0).all()
