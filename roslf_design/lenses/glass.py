@@ -40,6 +40,8 @@ OTHERWISE = {
     "crown": "N-BK7", "flint": "F2", "plexiglas": "PMMA", "perspex": "PMMA", "lexan": "polycarbonate",
 }  # fmt: skip
 """Other names of materials, or of what is nearest to them, which an error suggests and nothing takes for them."""
+GASES = ("co2", "carbon dioxide", "nitrogen", "argon", "helium", "oxygen")
+"""Gases, all of which air stands for."""
 ROOM = 20.0
 """Temperature of the catalogue's indices [degrees C]."""
 F_LINE, D_LINE, C_LINE = 0.4861327, 0.5875618, 0.6562725
@@ -278,6 +280,9 @@ def find_glass(name: str, extra: Mapping[str, Glass] | None = None) -> Glass:
     known = {**catalogue(), **(extra or {})}
     if glass := known.get(name.strip().upper() or "AIR"):
         return glass
+    if any(gas in name.lower() for gas in GASES):
+        message = f"'{name}' is not a known glass; of a gas give \"air\", whose index is within 3e-4 of its own"
+        raise InputError((Problem("", message),))
     near = [known[one].name if one in known else one for one in likely(name, known)]
     hint = f"the nearest known is {' or '.join(map(repr, dict.fromkeys(near)))}"
     hint = hint if near else f"known are {', '.join(USUAL)} and others: `roslf catalogue` ends with all of them"

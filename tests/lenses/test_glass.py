@@ -114,6 +114,12 @@ def test_other_names_of_windows_and_plastics():
         find_glass("salin")
 
 
+@pytest.mark.parametrize("name", ["CO2", "co2 gas", "Nitrogen", "argon", "helium"])
+def test_a_gas_is_told_to_be_given_as_air(name):
+    with pytest.raises(InputError, match=f"'{name}' is not a known glass; of a gas give \"air\", .* within 3e-4"):
+        find_glass(name)
+
+
 def test_unknown_glass_names_the_nearest_and_guesses_nothing():
     with pytest.raises(InputError, match="'N-BK8' is not a known glass; the nearest known is 'N-BK7'"):
         find_glass("N-BK8")
