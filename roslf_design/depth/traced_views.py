@@ -60,8 +60,8 @@ AWAY = 1e9
 """Taken for infinity [mm]."""
 CENTRES_DEGREE = 9
 """Order to which images' centres are followed over the array: an aberrated pupil's lie up to 0.5 px off the fifth."""
-ENOUGH = 1.5
-"""Places traced for each coefficient of a polynomial over the array."""
+AMPLIFIED = 100.0
+"""How many times as large as at nodes where rays come through a polynomial's errors may be at all others."""
 
 
 def _ring(radius: float) -> Array:
@@ -117,7 +117,7 @@ class TracedViews:
         image, _, _ = self.image_maps(microlenses(self.design, places))
         # Polynomials over the pupil at each place, then over the places what these are made of.
         over_pupil = np.linalg.pinv(_over_pupil(points.T).T)
-        degree = _degree(int(good.sum()), FIELD_DEGREE)
+        degree = _degree(places, good, FIELD_DEGREE)
         dark = np.ones((len(y), len(x)), np.bool_)
         coefficients = np.zeros((2, 2, 2, len(over_pupil), *dark.shape))
         if degree >= 0:
@@ -388,7 +388,7 @@ class TracedViews:
         middle = sensor_of_pupil(mounted, c, mounted.fap.centre)
         first = c + mounted.d_2 * chief_slope(mounted, c, mounted.fap.centre)
         _, shift, whole = self.image_maps(c)
-        order = _degree(int(whole.sum()), CENTRES_DEGREE)
+        order = _degree(nodes, whole, CENTRES_DEGREE)
         if order < 1:
             return lattice
         some = nodes[whole] @ np.linalg.inv(steps).T
@@ -574,9 +574,21 @@ def _nodes_over(low: Array, high: Array) -> tuple[Array, Array, Array]:
     return along, down, np.stack(np.meshgrid(along, down), -1).reshape(-1, 2)
 
 
-def _degree(places: int, most: int) -> int:
-    """Degree of polynomials over the array that so many places carry; -1 of none."""
-    return next((n for n in (most, 3, 1) if places >= ENOUGH * (n + 1) * (n + 2) / 2), -1)
+def _degree(nodes: Array, good: NDArray[np.bool_], most: int) -> int:
+    """Odd degree, at most `most`, of polynomials over nodes (n, 2) that the `good` of them carry; -1 of none.
+
+    Where rays fold or do not come through on one side, these would grow there without end.
+    """
+    x, y = nodes.T
+    middle, half = _box(x, y)
+    x, y = ((nodes - middle) / half).T
+    for degree in range(most, 0, -2):
+        columns = products(x, y, degree).T
+        if np.linalg.matrix_rank(columns[good]) == columns.shape[1] < good.sum():
+            grown = np.abs(columns @ np.linalg.pinv(columns[good])).sum(1).max()
+            if grown <= AMPLIFIED:
+                return degree
+    return -1
 
 
 def _box(x: Array, y: Array) -> tuple[Array, Array]:

@@ -268,3 +268,53 @@ def test_centres_of_images_follow_distortion_over_the_whole_sensor():
     straight = moved - columns @ np.linalg.lstsq(columns, moved, rcond=None)[0]
     assert np.abs(off).max() < 0.005
     assert np.abs(straight).max() > 100 * np.abs(off).max()
+
+
+TRIPLET = """
+name = "triplet, 5 mm"
+surfaces = [
+    {radius = "2.2586 mm", thickness = "0.45 mm", glass = "N-SK16", diameter = "2.5 mm"},
+    {radius = "-44.71 mm", thickness = "0.56 mm", diameter = "2.5 mm"},
+    {radius = "-2.2791 mm", thickness = "0.12 mm", glass = "F2", diameter = "1.8 mm"},
+    {radius = "2.0820 mm", thickness = "0.42 mm", diameter = "1.8 mm"},
+    {radius = "8.1755 mm", thickness = "0.6 mm", glass = "N-SK16", diameter = "2.4 mm"},
+    {radius = "-1.8874 mm", diameter = "2.4 mm"},
+]
+"""
+HEAD = """
+name = "head behind a triplet"
+main_lens = {prescription = "triplet.toml", focal_plane = "63.5 mm"}
+aperture = {diameter = "1.66 mm", distance = "-0.2 mm"}
+sensor = {distance = "35.7 um", pixel = "2 um", pixels = [2592, 1944]}
+
+[microlens_array]
+pitch = "10.9 um"
+focal_length = "35.7 um"
+size = ["5.4 mm", "4.1 mm"]
+layout = "square"
+lens_shape = "square"
+"""
+
+
+def test_centres_of_images_do_not_run_away_where_rays_fold_in_the_corner(tmp_path):
+    """What polynomials of those that come through say of the others: they multiplied 1e-4 px by 4e5 and overflowed."""
+    (tmp_path / "triplet.toml").write_text(TRIPLET)
+    (tmp_path / "head.toml").write_text(HEAD)
+    design = roslf.load(tmp_path / "head.toml")
+    camera, shares = Camera.of(design.thin_twin), []
+    traced = TracedViews(design, camera, lambda b: depth_of(camera, b))
+    for part in (Region(2238, 1638, 354, 284), Region(2404, 1754, 188, 190), Region(2492, 1844, 100, 100)):
+        size, regular = (part.rows, part.columns), lattice_of(camera, part)
+        indices = regular.inside(size)
+        lattice = traced.lattice(regular, indices, float(camera.q))
+        c = microlenses(design, indices * float(camera.d))
+        middle = sensor_of_pupil(traced.mounted, c, traced.mounted.fap.centre)
+        first = c + traced.mounted.d_2 * chief_slope(traced.mounted, c, traced.mounted.fap.centre)
+        _, shift, whole = traced.image_maps(c)
+        moved = lattice.nodes(*indices.T) - regular.nodes(*indices.T)
+        off = moved - (middle.sensor + shift - first) / float(camera.q)
+        assert np.abs(off[whole]).max(initial=0) < 0.05
+        assert np.abs(moved).max() < 3
+        assert 0.9 < len(lattice.inside(size)) / len(indices) < 1.2
+        shares.append(whole.mean())
+    assert shares[0] > 0.5 > shares[1] > 0.1 > shares[2]
