@@ -29,7 +29,7 @@ class _Housed(NamedTuple):
     place: Number
     """Its end towards the scene [mm before the main lens, below 0 behind it]."""
     clear: Number
-    """The same of its clear aperture [mm]."""
+    """Width of its clear aperture [mm]."""
 
     def inside(self, c: Camera) -> Array:
         """Whether it lies in the tube: no farther behind the tip than that is long."""
