@@ -88,7 +88,8 @@ def _law(apart: Array, error: Array) -> tuple[float, float]:
 def _joined(picture: Array) -> sparse.csr_matrix:
     """How well neighbours hold together, shape (places, places): 1 of like brightness, less across edges."""
     index = np.arange(picture.size).reshape(picture.shape)
-    step = STEP * max(float(np.median(np.abs(picture))), np.finfo(float).tiny)
+    lit = np.abs(picture[picture != 0])  # more than half of a picture may be dark
+    step = STEP * float(np.median(lit)) if lit.size else 1.0
     first, second, weight = [], [], []
     for a, b in (np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:]):
         first.append(index[a].ravel())

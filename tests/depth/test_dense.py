@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from roslf_design.depth.dense import FARTHEST, HARDER, DenseMap
+from roslf_design.depth.dense import FARTHEST, HARDER, DenseMap, _joined
 from roslf_design.depth.estimate import PixelNoise, estimate_disparity
 from roslf_design.depth.geometry import GridGeometry
 from tests.depth.test_occlusion import ACROSS, bar
@@ -67,3 +67,12 @@ def test_nothing_is_filled_in_far_from_all_that_is_known():
     none = DenseMap.of(np.full((4, 4), np.nan), np.full((4, 4), np.inf), np.zeros((4, 4), bool), np.ones((4, 4)))
     assert np.isnan(none.disparity).all()
     assert np.isinf(none.sigma).all()
+
+
+def test_places_hold_together_alike_in_a_picture_that_is_mostly_dark():
+    picture = np.zeros((6, 8), np.float32)
+    picture[:2] = 1.0
+    with np.errstate(all="raise"):
+        joined = _joined(picture).toarray()
+    assert joined[0, 1] == joined[40, 41] == 1.0
+    assert 0 < joined[8, 16] < 0.5
