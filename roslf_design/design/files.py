@@ -57,11 +57,18 @@ def kind_of(data: Mapping[str, Any], origin: str) -> Kind:
     kind = _kind(data)
     if kind is not None:
         return kind
+    _refuse_a_lens(data, origin)
     looked = ", ".join(
         f"{KINDS[kind].shown} ({KINDS[kind].called})" for kind in ("design", "optimize", "tolerance", "story")
     )
     held = f"; it has {', '.join(map(str, list(data)[:6]))}" if data else "; it is empty"
     raise InputError((Problem("", f"is neither a design nor a study: none of {looked} is in it{held}"),), origin)
+
+
+def _refuse_a_lens(data: Mapping[str, Any], origin: str, refusal: type[InputError] = InputError) -> None:
+    if "surfaces" in data:
+        use = f'write prescription = "{Path(origin).name}" in the [main_lens] of a design beside it'
+        raise refusal((Problem("", f"is a lens file, neither a design nor a study; {use}"),), origin)
 
 
 def expect_kind(data: Mapping[str, Any], wanted: Kind, origin: str) -> None:
@@ -72,9 +79,10 @@ def expect_kind(data: Mapping[str, Any], wanted: Kind, origin: str) -> None:
     InputError
         (DesignError where a design is wanted.) Says what the file is and which command takes it.
     """
-    kind = _kind(data) or wanted
+    kind, refusal = _kind(data) or wanted, DesignError if wanted == "design" else InputError
+    if _kind(data) is None:
+        _refuse_a_lens(data, origin, refusal)
     if kind != wanted and not any(key in data for key in KINDS[wanted].keys):
-        refusal = DesignError if wanted == "design" else InputError
         message = f"is {KINDS[kind].called}, not {KINDS[wanted].called}; {KINDS[kind].command} takes it"
         raise refusal((Problem("", message),), origin)
 

@@ -263,8 +263,9 @@ def lit(answer: FirstAnswer) -> Verdict:
         return Verdict.of(name, f"evenly lit: {share}")
     if light <= 0:
         return Verdict.of(name, "the corner of the field is dark", "see what cuts the images: the field's verdict")
-    stops = abs(math.log2(light))
-    text = f"{share}, {stops:.2g} stops {'less' if light < 1 else 'more'}: {answer.light_words}"
+    stops = f"{abs(math.log2(light)):.2g}"
+    stops += " stop" if stops == "1" else " stops"
+    text = f"{share}, {stops} {'less' if light < 1 else 'more'}: {answer.light_words}"
     noise = f"noise there counts {light**-0.5:.2g} times as much; " if light < 1 else ""
     cut = light < CUT * answer.corner_slant
     ways = "free the images from what cuts them (the field's verdict says what)" if cut else answer.corner_evened_by
@@ -357,8 +358,9 @@ def _thin(f: Numbers, lens: RealLens) -> Verdict:
     # A rim of the image moves by half of what it widens.
     moved, wider, percent, at = max(images, key=lambda image: image[0] + abs(image[1]) / 2)
     size = (
-        f"at {place(at)} mm on the MLA {lens.lens} shifts the microlens image by {moved:.3g} px and widens it by "
-        f"{percent:.3g} % (image fill {f.fill_factor * (1 + percent / 100):.3g})"
+        f"at {place(at)} mm on the MLA {lens.lens} shifts the microlens image by {moved:.3g} px and "
+        f"{'narrows' if percent < 0 else 'widens'} it by {abs(percent):.3g} % "
+        f"(image fill {f.fill_factor * (1 + percent / 100):.3g})"
     )
     if moved + abs(wider) / 2 <= SLACK_PX and len(images) == len(lens.fields):
         return Verdict.of(name, f"thin lens holds: {size}")
@@ -391,8 +393,8 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
                 "the file has them: name their materials (housing in [environment]; material in [main_lens], "
                 "[microlens_array] and the elements)"
             )
-        if unknown := not_known(design):
-            yield f"how the index of {listed([*unknown])} changes with temperature is not known; it stays"
+        if unknown := [f"the glass with {name}" if name[:4] == "n = " else name for name in not_known(design)]:
+            yield f"how the index of {listed(unknown)} changes with temperature is not known; it stays"
     camera = Camera.of(design)
     if design.sensor.acceptance is not None:
         steepest = float(QUANTITIES["sensor_angle_deg"](camera))

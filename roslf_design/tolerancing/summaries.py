@@ -22,7 +22,7 @@ HISTOGRAM_BINS = 60
 
 
 @dataclass(frozen=True)
-class _ColumnSummary:
+class ColumnSummary:
     """Summary of one column over the trials of one variant."""
 
     column: Column
@@ -99,7 +99,7 @@ class Variant:
     faults: tuple[tuple[str, int], ...]
     """Why, in words, and in how many, most first; a build may have several reasons."""
     limits: tuple[_LimitYield, ...]
-    distributions: tuple[_ColumnSummary, ...]
+    distributions: tuple[ColumnSummary, ...]
 
     @property
     def weakest(self) -> _LimitYield:
@@ -152,7 +152,7 @@ def summarise(plan: TolerancePlan, tally: Tally) -> tuple[Variant, ...]:
     )
 
 
-def _summary(plan: TolerancePlan, tally: Tally, v: int, c: int) -> _ColumnSummary:
+def _summary(plan: TolerancePlan, tally: Tally, v: int, c: int) -> ColumnSummary:
     nominal = float(plan.nominal[c])
     here = nominal if math.isfinite(nominal) else 0.0
     undefined, counts = int(tally.undefined[v, c] - tally.impossible[v]), tally.counts[v, c]
@@ -174,7 +174,7 @@ def _summary(plan: TolerancePlan, tally: Tally, v: int, c: int) -> _ColumnSummar
         places, past = from_finite(np.linspace(float(finite(here + low)), 0.0, HISTOGRAM_BINS + 1)) - here, infinite
     histogram = rebin(counts, np.array([-np.inf, *places[1:-1], np.inf])) if len(places) else np.empty(0)
     histogram[-1:] += past
-    return _ColumnSummary(
+    return ColumnSummary(
         column=plan.columns[c],
         nominal=nominal,
         undefined=undefined,

@@ -266,10 +266,14 @@ def reference(
     )
 
 
+def fates(design: Design, fields: ArrayLike) -> NDArray[np.int64]:
+    """Fates of the nominal images at fields (F, 2) [mm], (F,)."""
+    return np.asarray(real_images(camera_of(design), microlenses(design, np.asarray(fields))).status)
+
+
 def folded(design: Design, fields: ArrayLike) -> NDArray[np.bool_]:
     """Whether the nominal images at fields (F, 2) [mm] are folded, (F,)."""
-    images = real_images(camera_of(design), microlenses(design, np.asarray(fields)))
-    return np.asarray(images.status == ImageFate.FOLDED)
+    return np.asarray(fates(design, fields) == ImageFate.FOLDED)
 
 
 def notes(design: Design, fields: Sequence[tuple[float, float]]) -> tuple[str, ...]:

@@ -1,5 +1,7 @@
 """Temperature: lengths, curvatures and indices against formulas written out here, makers' tables, and traced rays."""
 
+import tomllib
+
 import mpmath
 import numpy as np
 import pytest
@@ -92,6 +94,14 @@ def test_constant_rates_and_what_is_not_known():
     assert cover.at(134) is cover
     assert cover.index(550e-6, 134) == cover.index(550e-6)
     assert cover.grown(20, 120) == pytest.approx(1 + 7.2e-4)
+
+
+def test_a_glass_without_a_name_is_called_one():
+    known = tomllib.loads(dumps(load("cystoscope")))
+    known["elements"][0]["material"] = {"index": 1.62, "abbe": 60.32}
+    known["environment"] = {"temperature": "37 degC"}
+    (told,) = [one for one in evaluate(loads(tomli_w.dumps(known))).warnings if "changes with temperature" in one]
+    assert "index of the glass with n = 1.62, V = 60.32 changes" in told
 
 
 def test_an_aluminium_tube_and_a_lens_of_n_bk7():

@@ -33,6 +33,14 @@ def test_the_wrong_kind_of_file(kind, command, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("command", ["evaluate", "datasheet", "report"])
+def test_a_lens_file_is_called_one(command, capsys):
+    lens = "roslf_design/lenses/shipped/ac060-010-a.toml"
+    assert main([command, lens]) == 2
+    told = 'is a lens file, neither a design nor a study; write prescription = "ac060-010-a.toml" in the [main_lens]'
+    assert capsys.readouterr().err == f"roslf: {lens}: {told} of a design beside it\n"
+
+
 def test_python_gets_the_error_that_load_promises():
     with pytest.raises(DesignError, match="is a tolerance study"):
         load(FILES["tolerance"])

@@ -1,6 +1,7 @@
 """First answers: a buyer's numbers against their definitions."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 import roslf_design as roslf
 from roslf_design.errors import InputError
 from roslf_design.evaluation.specification import FOCUS
+from roslf_design.evaluation.verdicts import lit
 from roslf_design.theory.depth_budget import depth_budget
 
 PAPER = roslf.load("paper")
@@ -59,6 +61,7 @@ def test_a_darker_corner_is_told_with_its_stops():
     (verdict,) = [verdict for verdict in result.verdicts if verdict.name == "corner_lit"]
     assert (verdict.ok, verdict.level) == (False, "limit")
     assert f"{-math.log2(light):.2g} stops less" in verdict.text
+    assert ", 1 stop less: " in lit(replace(result.answer, corner_light=0.49)).text
     assert "no place of the exit pupil evens it" in verdict.remedy
 
 

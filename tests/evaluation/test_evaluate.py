@@ -18,7 +18,7 @@ from roslf_design.design import DesignError, preset_names
 from roslf_design.evaluation.fields import evaluate_fields, rays_for
 from roslf_design.evaluation.groups import RayBudget, Share
 from roslf_design.evaluation.result import budget_table, seen_table
-from roslf_design.evaluation.verdicts import FASTEST_ARRAY
+from roslf_design.evaluation.verdicts import FASTEST_ARRAY, _thin
 from roslf_design.optimization.parts import load_catalogue
 from roslf_design.reporting.design.pages import _accuracy_section
 from roslf_design.theory.stop_images import MicrolensImages
@@ -350,6 +350,13 @@ def test_behind_a_real_lens_the_f_number_s_verdict_says_which_fill_is_traced():
     verdict = next(one for one in result.verdicts if one.name == "f_number_matched")
     traced = result.f_number.fill_factor * (1 + result.real_lens.fields[0].widening_percent / 100)
     assert f"(thin twin; traced through {result.real_lens.lens} at 0, 0 mm: {traced:.4g})" in verdict.text
+
+
+def test_a_lens_that_makes_images_smaller_narrows_them():
+    result = roslf.evaluate(roslf.load("paper-singlet"))
+    small = [dataclasses.replace(field, widening_percent=-12.4) for field in result.real_lens.fields]
+    text = _thin(result.f_number, dataclasses.replace(result.real_lens, fields=tuple(small))).text
+    assert "px and narrows it by 12.4 % (image fill" in text
 
 
 def test_behind_a_real_lens_images_are_said_to_be_shifted_as_the_thin_twin_has_it():

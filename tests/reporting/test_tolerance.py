@@ -5,6 +5,7 @@ import io
 import math
 import tomllib
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from roslf_design.errors import InputError
 from roslf_design.reporting.blocks import Figure, Statements, Table
 from roslf_design.reporting.printers import render_tables
 from roslf_design.reporting.tolerance.pages import (
+    _nominal,
     _statements,
     _tolerance_section,
     _yield_statement,
@@ -26,6 +28,7 @@ from roslf_design.reporting.tolerance.pages import (
     tolerance_pictures,
     tolerance_report,
 )
+from roslf_design.tolerancing.metrics import Question
 from roslf_design.tolerancing.result import WorstTrial, analyse, save_worst
 from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.study import make_plan, read_study, tolerance_plan
@@ -58,6 +61,7 @@ def test_the_section_answers_first_and_shows_every_part(result):
     assert titles[0] == "Limits"
     assert any("Sobol" in title for title in titles)
     figures = [block for block in section.blocks if isinstance(block, Figure)]
+    assert any(figure.caption.endswith("of its tolerance, after adjustment.") for figure in figures)
     assert len(figures) == 5
     assert all(figure.content.startswith("<svg") and figure.caption for figure in figures)
 
@@ -214,12 +218,22 @@ def test_no_adjustment_is_offered_that_moves_a_part_into_another():
     assert reach["microlens_array.distance"] == 0.5
 
 
+def test_a_number_that_a_folded_or_dark_image_has_not_says_so():
+    singlet = load("paper-singlet").replace({"main_lens.reversed": False})
+    question = Question(singlet, ("fill_factor",), ((11.15, 0.0), (11.15, 7.4)), 350.0)
+    study = SimpleNamespace(plan=SimpleNamespace(question=question), tracing=("by rays",))
+    told = [_nominal(study, SimpleNamespace(column=column, nominal=math.nan)) for column in question.columns]
+    assert told == ["folded at this field", "no light at this field"]
+
+
 def test_one_at_a_time_moves_are_drawn_beside_an_end_that_is_no_camera(colliding):
     (figure,) = (
         block
         for block in _tolerance_section(colliding).blocks
         if isinstance(block, Figure) and block.name == "tolerance-sensitivity"
     )
+    assert len(colliding.variants) == 1
+    assert "at both ends of its tolerance. No" in figure.caption  # nothing is adjusted
     assert figure.caption.endswith("No bar at an end where the build has no such number: d_3.")
     moves = colliding.sensitivity
     assert np.isnan(moves.plus[-1, 0]).tolist() == [True, False]

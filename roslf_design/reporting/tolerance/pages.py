@@ -15,6 +15,7 @@ from ... import words
 from ...camera import Camera
 from ...design import Design
 from ...drawing.picture import Picture
+from ...fates import ImageFate
 from ...tables import Column
 from ...theory.depth_budget import DepthBudget
 from ...theory.field_of_view import focus_ahead
@@ -26,7 +27,8 @@ from ...tolerancing.metrics import DISTANT, METRICS
 from ...tolerancing.places import display, perturbable, short_name
 from ...tolerancing.result import StudyResult, WorstTrial, reach_of
 from ...tolerancing.study import CALIBRATION, TolerancePlan
-from ...tolerancing.summaries import Variant
+from ...tolerancing.summaries import ColumnSummary, Variant
+from ...tolerancing.traced import fates
 from ...tolerancing.yields import Yield
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 from .pictures import Yields, distributions, ranked_correlations, ranked_moves, yield_bars, yield_curve
@@ -71,7 +73,7 @@ FIGURES = {
     ),
     "sensitivity": (
         "Sensitivity of the weakest metric",
-        "One miss at a time: change of {weakest} at both ends of its tolerance, after adjustment.",
+        "One miss at a time: change of {weakest} at both ends of its tolerance{adjusted}.",
     ),
     "correlation": (
         "Correlation with the weakest metric",
@@ -92,12 +94,14 @@ def _tolerance_section(result: StudyResult, command: str = "", *, first_look: bo
     """A study as a section of a report; the command that reruns it is printed where given."""
     blocks: list[Block] = [Paragraph(result.study.question)] if result.study.question else []
     blocks.append(Statements(tuple(_statements(result, first_look))))
-    weakest = in_words(result.final.weakest.label)
+    weakest, adjusted = in_words(result.final.weakest.label), ", after adjustment" if len(result.variants) > 1 else ""
     for name, picture in tolerance_pictures(result).items():
         title, caption = FIGURES[name]
         if name == "sensitivity" and (lost := _ends_lost(result)):
             caption += f" No bar at an end where the build has no such number: {', '.join(lost)}."
-        blocks.append(Figure.of(f"tolerance-{name}", title, caption.format(weakest=weakest), picture))
+        blocks.append(
+            Figure.of(f"tolerance-{name}", title, caption.format(weakest=weakest, adjusted=adjusted), picture)
+        )
     blocks += [_worded(table) for table in tables(result)]
     if result.warnings:
         blocks.append(Bullets(tuple(in_words(warning) for warning in result.warnings)))
@@ -353,6 +357,18 @@ def _limits(result: StudyResult, shown: set[str]) -> Table:
     return Table((*limits, every), "l" + "d" * (len(heads) - 1), heads, "Limits", caption)
 
 
+NO_SHAPE: dict[int, str] = {ImageFate.FOLDED: "folded at this field", ImageFate.DARK: "no light at this field"}
+"""Words for a number that a microlens image has not."""
+
+
+def _nominal(result: StudyResult, summary: ColumnSummary) -> str:
+    """Nominal value in words; behind a real lens why there is none."""
+    question, field = result.plan.question, summary.column.field
+    if field is None or not result.tracing or not math.isnan(summary.nominal):
+        return number(summary.nominal)
+    return NO_SHAPE.get(int(fates(question.design, question.fields[field : field + 1])[0]), number(summary.nominal))
+
+
 def _quantiles(result: StudyResult, shown: set[str]) -> Table:
     """Nominal value, mean, spread and quantiles of every metric, finally."""
     final = result.final.distributions
@@ -364,7 +380,7 @@ def _quantiles(result: StudyResult, shown: set[str]) -> Table:
     rows = tuple(
         (
             column.label,
-            *(number(column.nominal), _within(column.mean, column.deviation), number(column.deviation)),
+            *(_nominal(result, column), _within(column.mean, column.deviation), number(column.deviation)),
             *(_within(column.quantiles[index], column.deviation) for index in places),
             *((str(column.undefined),) if undefined else ()),
         )
