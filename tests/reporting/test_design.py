@@ -20,7 +20,7 @@ from roslf_design.evaluation import evaluate
 from roslf_design.optimization.parts import Catalogue, load_catalogue
 from roslf_design.reporting.blocks import Code, Figure, Report, Section, Statement, Statements, Table
 from roslf_design.reporting.design.compare import comparison_report
-from roslf_design.reporting.design.figures import _picture_sheet
+from roslf_design.reporting.design.figures import _picture_sheet, dimensions_sheet
 from roslf_design.reporting.design.pages import design_report, making
 from roslf_design.reporting.design.parts_list import _catalogue_match, parts_section
 from roslf_design.reporting.printers import render_html
@@ -201,6 +201,19 @@ def test_every_part_of_a_design_is_listed_once_and_numbered():
     names = ["main lens", "FAP, front stop", "stop 1", "stop 2", "microlens array", "image sensor"]
     assert [row[1] for row in rows] == names
     assert rows[3][2] == "opening 14 mm"
+
+
+def test_drawing_and_parts_list_are_at_room_temperature_and_say_so():
+    cold = load("rigid-scope").replace({"environment": {"housing": "stainless steel"}})
+    warm = cold.at_temperature(60)
+    assert warm.d_1 > 1.0005 * cold.d_1
+    (drawn, told), (parts, listed) = (
+        (dimensions_sheet(one), next(block for block in parts_section(one).blocks if isinstance(block, Table)))
+        for one in (cold, warm)
+    )
+    assert (parts.content, listed.rows) == (drawn.content, told.rows)
+    holds = "Lengths at 20 °C; the camera is used at 60 °C."
+    assert (parts.caption, listed.caption) == (f"{drawn.caption} {holds}", f"{told.caption} {holds}")
 
 
 def test_parts_of_the_catalogue_are_found_again():

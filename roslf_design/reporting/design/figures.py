@@ -11,9 +11,11 @@ import numpy as np
 from ...camera import Camera
 from ...drawing.picture import PAGE, beside
 from ...drawing.solid import NoViewerError, library, outlines, scene_data
+from ...errors import InputError
 from ...evaluation import default_fields
 from ...evaluation.result import depth_basis
 from ...imaging.transfer import encircled
+from ...lenses.glass import ROOM
 from ...words import number, spaced, the
 from ..blocks import Figure
 from ..lens_words import lens_words
@@ -254,13 +256,26 @@ def _picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
 
 
 def dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
-    """The drawing with dimensions."""
+    """The drawing with dimensions, as drawings are: at room temperature."""
+    drawn, holds = at_room(design)
     caption = (
         "Elements in their order along the axis. The numbers are the dimensions; the drawing is not to scale, the ray "
         "diagram is. d_f, d_3 and further stops count from the main lens towards the object, d_1 from it to the "
-        "microlens array."
+        f"microlens array.{holds}"
     )
-    return Figure.of("dimensions", "Dimensions", caption, dimensions(design))
+    return Figure.of("dimensions", "Dimensions", caption, dimensions(drawn))
+
+
+def at_room(design: Design) -> tuple[Design, str]:
+    """Design as drawings and parts lists have it, at room temperature, and a sentence on that where it is used warm."""
+    environment = design.environment
+    if environment is None or environment.temperature == ROOM:
+        return design, ""
+    used = f"{environment.temperature:g} °C"
+    try:
+        return design.at_temperature(ROOM), f" Lengths at {ROOM:g} °C; the camera is used at {used}."
+    except InputError:  # a material that nobody knows there
+        return design, f" Lengths at {used}."
 
 
 SHEETS: dict[str, Callable[[Design, Evaluation], Figure]] = {

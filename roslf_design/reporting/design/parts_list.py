@@ -11,6 +11,7 @@ from ...theory.colours import PIXEL_FILTERS
 from ...words import length
 from ..blocks import Bullets, Section, Table
 from ..lens_words import lens_words
+from .figures import at_room
 
 if TYPE_CHECKING:
     from ...design import Design
@@ -21,7 +22,7 @@ FAR = math.log(2)
 
 def parts_section(design: Design) -> Section:
     """The parts list, beside the shipped catalogue."""
-    known = load_catalogue()
+    known, (design, holds) = load_catalogue(), at_room(design)
     kinds: tuple[Kind, ...] = ("lenses", "microlens_arrays", "sensors")
     (lens, array, sensor), entries = zip(*(_catalogue_match(design, known, kind) for kind in kinds), strict=True)
     mla, (across, up) = design.microlens_array, design.pixels
@@ -54,7 +55,7 @@ def parts_section(design: Design) -> Section:
         rows.append(("relay to the sensor", relay, "not in the catalogue"))
     caption = (
         f"Catalogue: a part is the same where its lengths agree to {100 * SAME:g} % and it is large enough; else the "
-        "nearest is named with what differs. Walls, mounts and light source are not part of the model."
+        f"nearest is named with what differs. Walls, mounts and light source are not part of the model.{holds}"
     )
     table = Table(
         tuple((str(place), *row) for place, row in enumerate(rows, 1)),
