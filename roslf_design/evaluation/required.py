@@ -13,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._arrays import Array
+from ..bore.part import TEMPERATURE
 from ..camera import Camera
 from ..design import Design, preset_names
 from ..design.parts import PATHS
 from ..errors import InputError, Problem
+from ..lenses.glass import ROOM
 from ..theory import tube
 from ..theory.depth_budget import BUILT, CALIBRATED, COVERAGE, DepthBudget, depth_budget
 from ..theory.focused import has_views
@@ -168,6 +170,10 @@ def requirements(
         label = (quantity.label or quantity.name) + where
         at, known = asked.at, None if undefined else value
         counts = counted[quantity.name](at) if quantity.name in counted and not undefined else ""
+        if quantity.name == "outer_diameter_mm" and not met and design.environment is not None:
+            cold = float(quantity(camera.replace({TEMPERATURE: ROOM}), None))
+            if quantity.within(low, high, cold):
+                counts += f"; by warmth alone: {number(cold, 4)} mm at {ROOM:g} °C is within"
         only = remedy = ""
         fold = float(quantity_named("fold_lp_per_mm")(camera, at)) if quantity.name.startswith("mtf") else math.inf
         if value > fold:

@@ -53,6 +53,19 @@ def test_limits_are_held_against_what_the_tables_say():
     assert told[3]["met"]
 
 
+def test_a_tube_that_warmth_alone_makes_too_wide_is_said_to_be():
+    steel = 17.2e-6
+    design = asked("outer_diameter_mm = {max = 6}").replace(
+        {"tube": {"outer_diameter": 6.0, "wall": 0.2}, "environment": {"housing": "stainless steel"}}
+    )
+    cold, warm = (roslf.evaluate(design.at_temperature(degrees)).required[0] for degrees in (20, 60))
+    assert (cold.met, warm.met) == (True, False)
+    assert warm.value == pytest.approx(6 * (1 + 40 * steel), rel=1e-9)
+    assert "by warmth alone: 6 mm at 20 °C is within" in warm.verdict.text
+    wide = design.replace({"tube.outer_diameter": 6.1}).at_temperature(60)
+    assert "by warmth" not in roslf.evaluate(wide).required[0].verdict.text
+
+
 def test_contrast_of_detail_that_aliases_is_no_detail_and_gets_no_tick():
     """Sampling by definition: half a period a footprint of a microlens."""
     design = asked('mtf50_lp_per_mm = {at = "20 mm", min = 0.1}')
