@@ -14,7 +14,7 @@ from ..tolerancing.metrics import DISTANT, METRICS
 from ..tolerancing.study import MetricGoal
 from ..words import to_html
 from .main_lens import TRIALS, explored_lens
-from .state import BY_SYMBOL, CONJUGATE, State, read, show
+from .state import BY_SYMBOL, CONJUGATE, State, read, show, shown_in
 
 Options = Mapping[str, Sequence[str]]
 """A form as the browser sends it: every field's name with the values chosen."""
@@ -229,7 +229,7 @@ def _bounds(design: Design, symbol: str, options: Options) -> tuple[float, float
     for index, side in enumerate(("low", "high")):
         for text in options.get(f"{side}_{symbol}", ()):
             try:
-                ends[index] = read(BY_SYMBOL[symbol], text)
+                ends[index] = read(shown_in(BY_SYMBOL[symbol], ends[index]), text)
             except ValueError as error:
                 raise InputError((Problem(f"{symbol}, bound", str(error)),)) from None
     low, high = ends

@@ -129,8 +129,19 @@ VISIBLE = (380e-6, 1000e-6)
 """Wavelengths that a slider reaches, whatever the design [mm]."""
 
 
+SHORT = 0.1
+"""Lengths from here down are shown in micrometres [mm]."""
+
+
+def shown_in(field: NumberField, value: float | None) -> NumberField:
+    """The field with the unit that it shows a value in."""
+    short = field.unit == "mm" and value is not None and 0 < abs(value) < SHORT
+    return field._replace(unit="um") if short else field
+
+
 def show(field: NumberField, value: float) -> str:
-    """A number [mm, lx, s] as text in the field's unit, to seven digits."""
+    """A number [mm, lx, s] as text in the field's unit, a short length in micrometres, to seven digits."""
+    field = shown_in(field, value)
     return f"{value / field.per_unit:.7g} {field.unit}".rstrip()
 
 
@@ -321,7 +332,7 @@ class State:
         if CONTROLS[symbol].left_out and not text.strip():
             return self._put(symbol, None, text)
         try:
-            value = read(CONTROLS[symbol], text)
+            value = read(shown_in(CONTROLS[symbol], value_of(self.design, symbol)), text)
         except ValueError as error:
             return self._with_fault(_Fault(symbol, text, str(error)))
         return self._put(symbol, value, text)
@@ -396,7 +407,7 @@ class State:
         return self.design.replace({PATHS[s]: getattr(self.design, s) for s in fixed} | places)
 
     def _put(self, symbol: str, value: float | None, text: str) -> State:
-        waiting = _readable(self._faults_but(symbol))
+        waiting = _readable(self._faults_but(symbol), self.design)
         problems: tuple[Problem, ...] = ()
         for others in ([waiting] if waiting else []) + [{}]:
             try:
@@ -424,11 +435,11 @@ def _material(text: str) -> Glass:
     return read_glass({"index": index})
 
 
-def _readable(faults: Iterable[_Fault]) -> dict[str, float]:
+def _readable(faults: Iterable[_Fault], design: Design) -> dict[str, float]:
     values = {}
     for fault in faults:
         try:
-            values[fault.symbol] = read(CONTROLS[fault.symbol], fault.text)
+            values[fault.symbol] = read(shown_in(CONTROLS[fault.symbol], value_of(design, fault.symbol)), fault.text)
         except (KeyError, ValueError):  # a material is no length
             continue
     return values

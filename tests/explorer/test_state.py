@@ -125,6 +125,13 @@ def test_every_reachable_pupil_distance_lies_before_the_object():
 # The design.
 
 
+def test_short_lengths_are_shown_and_typed_in_micrometres():
+    state = START.edit("f_ml", "35.7 um")
+    assert show(BY_SYMBOL["f_ml"], state.design.f_ml) == "35.7 um"
+    assert state.edit("f_ml", "40").design.f_ml == pytest.approx(0.04)
+    assert START.edit("f_ml", "3").design.f_ml == pytest.approx(3.0)
+
+
 def test_a_good_number_makes_a_new_design_and_leaves_the_old_state():
     before = START
     after = before.edit("D_F", "3.5 mm")
