@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from roslf_design.design import DesignError, dumps, load, preset_names
 from roslf_design.evaluation import evaluate
+from roslf_design.explorer.forms import _offered
 from roslf_design.explorer.state import (
     BY_SYMBOL,
     CONJUGATE,
@@ -440,3 +441,8 @@ def test_a_real_lens_gets_a_window_and_what_is_refused_of_it_is_forgotten_withou
     assert refused.design == glazed.design
     without = refused.choose("window", "no")
     assert (without.design, without.faults) == (SINGLET, ())
+
+
+def test_bounds_of_a_run_are_offered_in_four_digits():
+    offered = _offered("d", State.of(PAPER.replace(d=0.01090009)))
+    assert all(len(offered[side].split()[0].replace(".", "").lstrip("0")) <= 4 for side in ("low", "high"))
