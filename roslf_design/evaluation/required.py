@@ -170,7 +170,7 @@ def requirements(
         label = (quantity.label or quantity.name) + where
         at, known = asked.at, None if undefined else value
         counts = counted[quantity.name](at) if quantity.name in counted and not undefined else ""
-        if quantity.name == "outer_diameter_mm" and not met and design.environment is not None:
+        if quantity.name == "outer_diameter_mm" and not met and shown.design.environment is not None:
             cold = float(quantity(camera.replace({TEMPERATURE: ROOM}), None))
             if quantity.within(low, high, cold):
                 counts += f"; by warmth alone: {number(cold, 4)} mm at {ROOM:g} °C is within"
@@ -203,7 +203,7 @@ def requirements(
                 remedy = "sweeps and studies go by the thin twin, which holds it: set them a limit as much tighter"
         elif lens.mounted and met and quantity.name not in NO_LENS_MOVES:
             only = ", ".join(filter(None, (only, "by the thin twin alone")))
-            beyond = f"no aberration of {lens.name} is in that: leave it room to spare"
+            beyond = f"no aberration of {lens.name} is in that: leave it a margin"
             remedy = "; ".join(filter(None, (remedy, beyond)))
         numbers = (at, low, high, known)
         told.append(Requirement(quantity.name, label, *numbers, quantity.unit, met, counts, only, remedy, twin))
