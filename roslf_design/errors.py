@@ -6,6 +6,8 @@ import re
 import unicodedata
 from dataclasses import dataclass
 
+OTHER_PLACE = "delete it or choose another place"
+"""Remedy where something else lies in the way of what is to be written."""
 LONGEST = 1600
 """Letters of one line; of what is longer the middle is left out."""
 

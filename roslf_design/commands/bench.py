@@ -16,7 +16,7 @@ from ..calibration import CalibrationError
 from ..calibration.model import relative_sigma
 from ..calibration.options import PlanOptions
 from ..design import dumps
-from ..errors import refusal
+from ..errors import OTHER_PLACE, refusal
 from ..reporting.bench.acceptance import acceptance_report, acceptance_statements, acceptance_tables
 from ..reporting.bench.check import check_report, image_line, summary
 from ..reporting.bench.protocol import protocol_report
@@ -30,7 +30,6 @@ from .refused import refused
 from .report import date_of_making
 from .results import print_titled
 from .terminal import (
-    ELSEWHERE,
     DesignName,
     Json,
     Output,
@@ -105,7 +104,7 @@ def write(
 def _refuse_another(path: Path, text: str) -> None:
     """Refuse to write over a bench.toml that says something else: what was measured of the prints stands in it."""
     if path.is_file() and path.read_text(encoding="utf-8", errors="replace") != text:
-        raise refusal("output", f"{path} is of another bench, or was changed by hand; {ELSEWHERE}")
+        raise refusal("output", f"{path} is of another bench, or was changed by hand; {OTHER_PLACE}")
 
 
 @bench.command(name="check", help_epilogue="")

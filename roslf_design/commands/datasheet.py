@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from ..errors import refusal
+from ..errors import OTHER_PLACE, refusal
 from ..reporting.printers import Paper, render_html, render_pdf
 from ..reporting.sheet.lines import NONE, SpreadSources, datasheet_csv, datasheet_json, datasheet_report
 from ..reporting.story import datasheet_of
 from .report import date_of_making, folder_name
 from .terminal import (
-    ELSEWHERE,
     Distances,
     OptionalOutput,
     check_options,
@@ -78,7 +77,7 @@ def datasheet(
         grounds = datasheet_of(Path(design), seed, progress, calibration, distances)
         content = _written(grounds, kind, paper, revision, date)
     if revision != NONE and target.exists() and target.read_bytes() != content:
-        raise refusal("output", f"{target} is there; a sheet with a revision is not written over; {ELSEWHERE}")
+        raise refusal("output", f"{target} is there; a sheet with a revision is not written over; {OTHER_PLACE}")
     write_files(target.parent, {target.name: content})
     say(target)
 

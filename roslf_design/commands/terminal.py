@@ -20,7 +20,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from ..design.files import in_the_way, write_atomically
-from ..errors import Argument, InputError, Problem, printable, refusal
+from ..errors import OTHER_PLACE, Argument, InputError, Problem, printable, refusal
 from ..options import check_distances, check_seed
 from ..words import about_time
 
@@ -45,8 +45,6 @@ LOGGED = 30.0
 """Seconds between lines of progress in a log."""
 PAGE = "index.html"
 """Name of the page in a folder of results."""
-ELSEWHERE = "delete it or choose another place"
-"""Remedy where something else lies in the way."""
 
 
 class _Log:
@@ -227,7 +225,7 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
         A page is in the way, as `_check_page` has it; nothing is written.
     """
     for name, content in files.items():
-        if name.endswith((".html", ".pdf")):
+        if name.endswith((".html", ".pdf")) and (folder / name).is_file():
             _check_page(folder / name, _page_title(content))
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
@@ -257,9 +255,9 @@ def _check_page(path: Path, title: str | None) -> None:
     content = path.read_bytes() if path.is_file() else b""
     held = _page_title(content)
     if content and held != title:
-        raise refusal("output", f"{path} is of {held or 'something else'}; {ELSEWHERE}")
+        raise refusal("output", f"{path} is of {held or 'something else'}; {OTHER_PLACE}")
     if content.startswith(b"%PDF") and content.count(b"%%EOF") > 1:
-        raise refusal("output", f"{path} was signed or marked since it was written; {ELSEWHERE}")
+        raise refusal("output", f"{path} was signed or marked since it was written; {OTHER_PLACE}")
 
 
 def typed(*words: object, **options: object) -> str:

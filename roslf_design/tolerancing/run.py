@@ -26,7 +26,7 @@ from typing import Any
 from uuid import uuid4
 
 from ..design.files import write_atomically
-from ..errors import Argument, InputError, Problem, refusal
+from ..errors import OTHER_PLACE, Argument, InputError, Problem, refusal
 from ..input_files import read_json
 from .study import TolerancePlan
 from .tally import Tally, is_sealed, merged, pack, tally_of, unpack
@@ -118,17 +118,16 @@ def run_trials(
 def _claim(plan: TolerancePlan, digest: str, folder: Path, resume: bool) -> None:
     """Write the manifest that says what runs, unless another run, or an earlier one of this plan, lies there."""
     manifest, chunks = folder / MANIFEST, folder / "chunks"
-    remedy = "delete it or choose another place"
     wrong = [f"{place} is a file, not a folder" for place in (folder, chunks) if place.exists() and not place.is_dir()]
     wrong += [f"{place} is a folder, not a chunk of results" for place in chunks.glob("*.npz") if place.is_dir()]
     if wrong:
-        raise InputError((Problem("", f"{wrong[0]}; {remedy}"),))
+        raise InputError((Problem("", f"{wrong[0]}; {OTHER_PLACE}"),))
     if manifest.exists():
-        held = read_json(manifest, str(manifest), remedy)
+        held = read_json(manifest, str(manifest), OTHER_PLACE)
         if not isinstance(held, dict) or "digest" not in held:
-            raise InputError((Problem("", f"{manifest} is damaged; {remedy}"),))
+            raise InputError((Problem("", f"{manifest} is damaged; {OTHER_PLACE}"),))
         if held["digest"] != digest:
-            raise InputError((Problem("", f"{folder} holds another study, seed or trial count; {remedy}"),))
+            raise InputError((Problem("", f"{folder} holds another study, seed or trial count; {OTHER_PLACE}"),))
         if not resume and any(chunks.glob("*.npz")):
             raise InputError((Argument("", f"{folder} holds this run already; pass `resume` to go on with it"),))
     chunks.mkdir(parents=True, exist_ok=True)

@@ -152,10 +152,8 @@ def depth_precision(design: Design, size: Point = (560, 320), known: KnownLength
     """
     distance, expected, sigma, blur, ahead, focus, _, counts = curve = _depth_curve(design, 121, known)
     finite = np.isfinite(expected)
-    keys = [line_key("spread of a point on the MLA (right axis)", "orange", 1.8, "7 4")]
-    if finite.any():
-        keys.insert(0, line_key(f"u_Z, depth, expected, 1 σ, {counts}", "blue", 2.2))
-        keys.insert(1, line_key("σ_Z, its bound by photons and read noise", *BOUND))
+    drawn = _depth_keys(f"1 σ, {counts}") if finite.any() else ()
+    keys = [*drawn, line_key("spread of a point on the MLA (right axis)", "orange", 1.8, "7 4")]
     asked, told = _asked_of_depth(design, curve)
     across = Scale(float(distance[0]), float(distance[-1]))
     across = across._replace(log=across.high > DECADES * across.low > 0)
@@ -198,6 +196,14 @@ def depth_precision(design: Design, size: Point = (560, 320), known: KnownLength
         y_label="spread [pitches]", x_ticks=(), grid="", right=True, y_colour="lost",
     )  # fmt: skip
     return picture.with_panels(spread)
+
+
+def _depth_keys(counts: str) -> tuple[Key, Key]:
+    """Keys of depth as expected, of what it counts, and of its bound."""
+    return (
+        line_key(f"u_Z, depth, expected, {counts}", "blue", 2.2),
+        line_key("σ_Z, its bound by photons and read noise", *BOUND),
+    )
 
 
 def _asked_of_depth(design: Design, curve: _DepthCurve) -> tuple[list[Mark], list[Key]]:
@@ -268,10 +274,8 @@ def depth_over_field(design: Design, size: Point = (560, 320)) -> Picture:
         drawn = Dots(place[known][:1], shown[known][:1], "blue", size=6, testid="field-curve")
     marks = (*_unknown(place, known, up), Line(place[known], bound[known], *BOUND), drawn)
     labels = "microlens, from the field's centre to its corner [mm]", "depth, 1 σ [mm]"
-    keys = [] if known.all() else [UNKNOWN]
-    if known.any():
-        keys.insert(0, line_key("u_Z, depth, expected, in the plane in focus, lengths as drawn", "blue", 2.2))
-        keys.insert(1, line_key("σ_Z, its bound by photons and read noise", *BOUND))
+    curves = _depth_keys("in the plane in focus, lengths as drawn") if known.any() else ()
+    keys = [*curves, *([] if known.all() else [UNKNOWN])]
     ends = [f"{short(float(value), 3)} mm" if math.isfinite(value) else "unknown" for value in expected[[0, -1]]]
     title = f"Depth, expected, of {design.name} over the field: {ends[0]} at its centre, {ends[1]} at its corner"
     return one_panel("depth-field", title, size, Panel((0, 0, 1, 1), across, up, marks, *labels), keys)
