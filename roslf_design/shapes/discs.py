@@ -150,26 +150,6 @@ def _boundary_arcs(centres: ArrayLike, radii: ArrayLike) -> tuple[_Arc, ...]:
     return tuple(_Arc(int(disc), float(start), float(end)) for start, end, disc, _, _ in arcs[:count])
 
 
-def outline(centres: ArrayLike, radii: ArrayLike, step: float = math.pi / 90) -> Array:
-    """Points along the boundary of one common part, for drawing: shape (N, 2) [mm], counterclockwise, not closed.
-
-    Parameters
-    ----------
-    centres, radii : array_like
-        Shapes (K, 2) and (K,) [mm].
-    step : float
-        Largest angle between neighbouring points of an arc [rad].
-    """
-    if not step > 0:
-        raise ValueError(f"step must be above 0 rad, not {step}")
-    centre, radius = np.asarray(centres, float), np.asarray(radii, float)
-    points = [np.empty((0, 2))]
-    for arc in _boundary_arcs(centres, radii):
-        angles = np.linspace(arc.start, arc.end, math.ceil((arc.end - arc.start) / step) + 1)[:-1]
-        points.append(centre[arc.disc] + radius[arc.disc] * np.stack([np.cos(angles), np.sin(angles)], -1))
-    return np.concatenate(points)
-
-
 class Chords(NamedTuple):
     """Rows across a common part, whose sums are integrals over it; no rows where it is empty."""
 
@@ -182,7 +162,7 @@ class Chords(NamedTuple):
     right: Array
 
 
-def chords(centres: ArrayLike, radii: ArrayLike, rows: int, between: tuple[float, float] | None = None) -> Chords:
+def chords(centres: ArrayLike, radii: ArrayLike, rows: int) -> Chords:
     """Gauss-Legendre rows across one common part, in an angle that takes the roots at its ends away.
 
     Parameters
@@ -191,8 +171,6 @@ def chords(centres: ArrayLike, radii: ArrayLike, rows: int, between: tuple[float
         Shapes (K, 2) and (K,) [mm].
     rows : int
         N.
-    between : pair of float, optional
-        Heights between which the part counts [mm].
     """
     centre, radius = np.asarray(centres, float), np.asarray(radii, float)
     ends: list[float] = []
@@ -200,8 +178,6 @@ def chords(centres: ArrayLike, radii: ArrayLike, rows: int, between: tuple[float
         angles = [start, end, *(top for k in range(-3, 8) if start < (top := math.pi / 2 * (2 * k + 1)) < end)]
         ends += [centre[disc, 1] + radius[disc] * math.sin(angle) for angle in angles]
     low, high = (min(ends), max(ends)) if ends else (0.0, 0.0)
-    if between is not None:
-        low, high = max(low, between[0]), min(high, between[1])
     return rows_between(centre, radius, low, high, rows) if high > low else Chords(*(np.zeros(0) for _ in range(4)))
 
 

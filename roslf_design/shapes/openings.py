@@ -15,11 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array
 from ..bore.opening import ClearAperture
-from .cells import area_inside
 from .coverage import Image, coverage_image
-from .discs import Chords, DiscIntersection, chords, heights, intersect, outline, rows_between
+from .discs import Chords, DiscIntersection, chords, heights, intersect, rows_between
 from .ellipses import intersect_ellipses
-from .pieces import ARC, EDGE, PIECE, bound, break_heights, lay_edges, most_pieces
+from .pieces import ARC, EDGE, PIECE, area_inside, boundary, break_heights, most_pieces
 
 INTERPRETED_BELOW = 64
 """Common parts up to which compiling, or even loading compiled code, takes longer than it saves."""
@@ -264,12 +263,13 @@ class Openings(NamedTuple):
         return np.asarray(self.centres[..., some, None, :] + corners)
 
     def outline(self, step: float = math.pi / 90) -> Array:
-        """Points along the boundary of one common part, as `discs.outline`."""
+        """Points along the boundary of one common part, for drawing: shape (N, 2) [mm], counterclockwise, not closed.
+
+        `step` is the largest angle between neighbouring points of an arc [rad].
+        """
         if self.ellipses:
             return self._around(math.ceil(2 * math.pi / step))
-        if not self.polygons:
-            return outline(self.centres, self.radii, step)
-        discs, edges, pieces = self._boundary()
+        discs, edges, pieces = boundary(self.centres[self.discs], self.radii[self.discs], self.corners)
         lines: list[tuple[float, Array]] = []
         for kind, index, start, end in pieces:
             if kind == ARC:
@@ -317,19 +317,6 @@ class Openings(NamedTuple):
                 outward, room = dy * x - dx * y, dx * (point[1] - v) - dy * (point[0] - u)
                 rows.append(np.where(outward > 0, room / np.where(outward > 0, outward, 1.0), np.inf))
         return np.array(rows)
-
-    def _boundary(self) -> tuple[Array, Array, list[list[float]]]:
-        """Discs, edges and pieces of one boundary (`pieces.bound`)."""
-        round_ones, most = self.discs, self.corners.shape[-3] * self.corners.shape[-2]
-        k = len(round_ones)
-        discs = np.column_stack([self.centres[round_ones], self.radii[round_ones], np.empty(k)])
-        edges, pieces = np.empty((most, EDGE)), np.empty((most_pieces(k, most), PIECE))
-        sides = 0
-        for number, polygon in enumerate(self.corners):
-            sides = lay_edges.interpreted(polygon, number, edges, sides)
-        work = np.empty((k + 2 * most + 3, 2))
-        count = bound.interpreted(discs, np.empty((k * k, 5)), edges, sides, work, pieces)
-        return discs, edges, pieces[:count].tolist()
 
     def chords(self, rows: int) -> Chords:
         """Gauss-Legendre rows across one common part, as `discs.chords`: between heights at which sides bend."""

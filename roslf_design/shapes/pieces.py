@@ -6,6 +6,7 @@ Every polygon is its edges, and each of those a half-plane: arcs are cut by edge
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,6 +180,36 @@ def bound(discs: Floats, arcs: Floats, edges: Floats, sides: int, work: Floats, 
             return 0
     filled = cut_arcs(discs, arcs, count, edges, sides, work, pieces)
     return cut_edges(discs, edges, sides, pieces, filled)
+
+
+def boundary(centres: Floats, radii: Floats, polygons: Sequence[Floats]) -> tuple[Floats, Floats, list[list[float]]]:
+    """Discs, edges and pieces (`bound`) of one common part of discs and convex polygons (M, 2), counterclockwise."""
+    k, most = len(radii), sum(map(len, polygons))
+    discs = np.column_stack([centres, radii, np.empty(k)])
+    edges, pieces = np.empty((most, EDGE)), np.empty((most_pieces(k, most), PIECE))
+    sides = 0
+    for number, polygon in enumerate(polygons):
+        sides = lay_edges.interpreted(polygon, number, edges, sides)
+    work = np.empty((k + 2 * most + 3, 2))
+    count = bound.interpreted(discs, np.empty((k * k, 5)), edges, sides, work, pieces)
+    return discs, edges, pieces[:count].tolist()
+
+
+def area_inside(centres: Floats, radii: Floats, polygons: Sequence[Floats]) -> float:
+    """Area of one common part, as of `boundary`: Green's integral ``(x dy - y dx)/2`` along its pieces."""
+    # About disc 0, or the first polygon, where the digits are.
+    origin = centres[0] if len(radii) else polygons[0].mean(0)
+    discs, edges, pieces = boundary(centres - origin, radii, [polygon - origin for polygon in polygons])
+    along_arcs, along_edges = 0.0, 0.0
+    for kind, index, start, end in pieces:
+        if kind == ARC:
+            x, y, r = discs[int(index), :3].tolist()
+            across = x * (math.sin(end) - math.sin(start)) + y * (math.cos(start) - math.cos(end))
+            along_arcs += 0.5 * r * (r * (end - start) + across)
+        else:
+            x, y, dx, dy = edges[int(index), :4].tolist()
+            along_edges += 0.5 * (x * dy - y * dx) * (end - start)
+    return max(0.0, along_arcs + along_edges)
 
 
 def most_pieces(discs: int, sides: int) -> int:

@@ -9,7 +9,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from roslf_design.fates import ImageFate
-from roslf_design.shapes.discs import _boundary_arcs, intersect, outline
+from roslf_design.shapes.discs import _boundary_arcs, intersect
+from roslf_design.shapes.openings import Openings
 from studies.accuracy.oracles import discs as oracle
 
 log_gap = st.floats(-12, 0)
@@ -264,7 +265,7 @@ def test_arcs_close_and_bound_the_part(discs):
         for a in arcs
     )
     np.testing.assert_allclose(green, shape.area, atol=1e-13)
-    points = outline(centres, radii)
+    points = Openings.of_discs(centres, radii).outline()
     distance = np.hypot(*(points[:, None] - centres).T).T - radii
     assert (distance < 1e-12).all()
 
