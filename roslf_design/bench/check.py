@@ -13,11 +13,10 @@ import numpy as np
 
 from ..calibration.corners import cells_of, observe
 from ..calibration.decoding import LightField
-from ..calibration.frames import Array, CalibrationError, Image, grey_frame, read_image_and_notes
+from ..calibration.frames import Array, CalibrationError, Image
 from ..calibration.model import Board
-from ..calibration.raw import full_scale
+from ..calibration.raw import full_scale, read_raw
 from ..design import Design
-from ..errors import InputError, Problem
 from ..progress import CountedProgress, silent
 from ..tables import BriefValue
 from ..theory.focused import refuse_focused
@@ -190,12 +189,7 @@ def checked(bench: Bench, progress: CountedProgress = silent) -> BenchCheck:
 def _read(capture: BenchCapture, design: Design) -> tuple[Image, ImageCheck]:
     """Pixels of an image, with its level."""
     path, kind = capture.path, capture.kind
-    try:
-        pixels, notes = read_image_and_notes(path)
-        grey_frame(pixels, None, "picture")
-    except CalibrationError as error:
-        said = str(error).removeprefix(f"{path.name} ")
-        raise InputError((Problem("", said),), str(path)) from None
+    pixels, notes = read_raw(path)
     full, fault = full_scale(pixels, notes, design.sensor.bits, None), ""
     if full is None:
         return pixels, ImageCheck(path.name, kind)

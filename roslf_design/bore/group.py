@@ -73,7 +73,13 @@ class LensGroup(Element):
 
     def forward(self, at: PartNumbers, inside: Number, passed: Flags) -> Matrix:
         """Matrix of the whole group."""
-        matrix = zip(_group_matrix(self.lens, at), (1.0, 0.0, 0.0, 1.0), strict=True)
+        lens, warmth = self.lens, self.lens.temperature if at.temperature is None else at.temperature
+        if np.ndim(at.wavelength) or np.ndim(warmth) or warmth != lens.temperature:
+            whole = warm_constants(lens, at.wavelength, warmth, at.housing).matrix
+            own = tuple(whole.reshape(4, *whole.shape[2:]))
+        else:
+            own = _matrix(lens, float(at.wavelength))
+        matrix = zip(own, (1.0, 0.0, 0.0, 1.0), strict=True)
         return tuple(np.where(passed, x, y)[()] for x, y in matrix)  # type: ignore[return-value]
 
     def lengthened(self, at: PartNumbers, before: Number, after: Number) -> tuple[Number, Number]:
@@ -129,18 +135,6 @@ class LensGroup(Element):
     def words(self) -> tuple[str, ...]:
         """Name of the lens."""
         return (self.lens.name or "by its prescription",)
-
-
-def _group_matrix(lens: Prescription, at: PartNumbers) -> Matrix:
-    wavelength, warmth = at.wavelength, lens.temperature if at.temperature is None else at.temperature
-    if np.ndim(warmth) or warmth != lens.temperature:
-        return warm_constants(lens, wavelength, warmth, at.housing).matrix
-    if np.ndim(wavelength) == 0:
-        return _matrix(lens, float(wavelength))
-    every, where = np.unique(wavelength, return_inverse=True)
-    table = np.array([_matrix(lens, float(each)) for each in every])
-    p, q, r, s = np.moveaxis(table[where].reshape(*np.shape(wavelength), 4), -1, 0)
-    return p, q, r, s
 
 
 @lru_cache(maxsize=256)

@@ -20,7 +20,7 @@ from .export import SequenceRow, lens_surfaces
 from .lens import power_ratio
 from .lens_sheet import LensSheet
 from .part import Number
-from .real_lens import focal_length_at, mounted_lens, own_diameter
+from .real_lens import focal_length_at, mounted_lens
 
 FOCAL, DIAMETER = CONJUGATES[0], "main_lens.diameter"
 AGREEMENT = 1e-6
@@ -358,7 +358,7 @@ class RealMainLens(MainLensKind):
         """Focal length of its own, and clear diameter where none is given."""
         if place == FOCAL:
             return focal_length_at(self.prescription, wavelength)
-        return own_diameter(self.prescription) if place == DIAMETER and value is None else value
+        return self.prescription.clear_diameter if place == DIAMETER and value is None else value
 
     def about(self, values: Mapping[str, float | None], turned: bool, wavelength: float | None) -> Iterator[Problem]:
         """Focal length, diameter and wavelength, where they are not the lens's own."""
@@ -381,7 +381,7 @@ class RealMainLens(MainLensKind):
                 f"{told} contradicts the prescription: {name} has f = {focal:.7g} mm at {at} "
                 f"(residual {focal_length - focal:+.4g} mm); drop {FOCAL}",
             )
-        widest = own_diameter(self.prescription)
+        widest = self.prescription.clear_diameter
         if diameter is not None and diameter > widest * (1 + AGREEMENT):
             yield Problem(
                 DIAMETER,

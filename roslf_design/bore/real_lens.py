@@ -88,15 +88,10 @@ RealLens = Annotated[Prescription, Instance, BeforeValidator(_required), _WRITTE
 def mounted_lens(lens: Prescription, turned: bool, diameter: float | None) -> Prescription:
     """The lens as it stands in the camera: turned round where asked for, cut down to a clear diameter [mm]."""
     lens = lens.reversed() if turned else lens
-    if diameter is None or diameter >= own_diameter(lens):
+    if diameter is None or diameter >= lens.clear_diameter:
         return lens
     cut = tuple(replace(s, semi_diameter=min(s.semi_diameter, diameter / 2)) for s in lens.surfaces)
     return replace(lens, surfaces=cut)
-
-
-def own_diameter(lens: Prescription) -> float:
-    """Smallest clear diameter of a lens [mm]: D of its thin twin."""
-    return 2 * min(surface.semi_diameter for surface in lens.surfaces)
 
 
 @lru_cache(maxsize=1024)
@@ -108,4 +103,4 @@ def focal_length_at(lens: Prescription, wavelength: float) -> float:
     InputError
         The wavelength is outside a glass's range.
     """
-    return first_order(lens, wavelength).focal_length
+    return float(first_order(lens, wavelength).focal_length)

@@ -114,8 +114,8 @@ def from_raw(
             "is missing: give a white image; or name the camera by `design`, and the microlens images are looked for in"
             " the image itself",
         )
-    pixels, notes = _read_raw(image)
-    (even, white_notes), (black, _) = ((None, {}) if path is None else _read_raw(path) for path in (white, dark))
+    pixels, notes = read_raw(image)
+    (even, white_notes), (black, _) = ((None, {}) if path is None else read_raw(path) for path in (white, dark))
     layout = None if design is None else design.microlens_array.layout
     pitch = None if design is None else image_pitch(design)
     radius = None
@@ -191,7 +191,7 @@ def _filtered(design: Design | None, notes: Mapping[str, Any]) -> bool:
     return isinstance(sensor, dict) and sensor.get("colours", "mono") != "mono"
 
 
-def _read_raw(path: Path) -> tuple[Image, dict[str, Any]]:
+def read_raw(path: Path) -> tuple[Image, dict[str, Any]]:
     """Pixels of a raw image, and what `roslf` noted in the file; errors as of `from_raw`."""
     try:
         pixels, notes = read_image_and_notes(path)

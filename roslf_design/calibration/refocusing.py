@@ -109,7 +109,7 @@ def focus_stack(
     return tuple(planes)
 
 
-def sharp_disparities(field: LightField, planes: int = PLANES, views: int = _VIEWS) -> Array:
+def sharp_disparities(field: LightField, views: int = _VIEWS) -> Array:
     """Disparities across the views [pitches], evenly over those at which some part of the picture is sharpest.
 
     Every part of the picture votes for where its gradients are strongest, by how much stronger they are there than
@@ -132,7 +132,7 @@ def sharp_disparities(field: LightField, planes: int = PLANES, views: int = _VIE
         share = np.cumsum(votes[order]) / votes.sum()
         low, high = (float(best[order][np.searchsorted(share, at)]) for at in (_SHARE, 1 - _SHARE))
         low, high = low - _STEP, high + _STEP
-    return np.linspace(low, high, planes)
+    return np.linspace(low, high, PLANES)
 
 
 def _power(field: LightField) -> Array:

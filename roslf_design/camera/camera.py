@@ -556,14 +556,10 @@ class Camera(Symbols[Number]):
 
     def decentre(self, part: str) -> tuple[Number, Number]:
         """Offset of a part (its place in the design) from the main lens's centre, as that sees it."""
-        if part not in self._decentres:
-            self._decentres[part] = self._own_decentre(part)
-        return self._decentres[part]
-
-    @cached_property
-    def _decentres(self) -> dict[str, tuple[Number, Number]]:
-        """Cache of decentres asked for so far."""
-        return {}
+        if ("decentre", part) not in self.worked_out:
+            self.worked_out["decentre", part] = self._own_decentre(part)
+        x, y = self.worked_out["decentre", part]
+        return x, y
 
     def _own_decentre(self, part: str) -> tuple[Number, Number]:
         place = place_of(part)
@@ -622,9 +618,10 @@ class Camera(Symbols[Number]):
 
     def apparent_pose(self, part: str) -> Frame:
         """Vertex and axes of a part of the design, in the main lens's frame (its vertex, its axes)."""
-        if part not in self._poses:
-            self._poses[part] = self._own_pose(part)
-        return self._poses[part]
+        if ("pose", part) not in self.worked_out:
+            self.worked_out["pose", part] = self._own_pose(part)
+        pose: Frame = self.worked_out["pose", part]
+        return pose
 
     def ruler_pose(self, part: str) -> Frame:
         """Vertex and axes of a part of the design in the system's axes, as a ruler finds them."""
@@ -648,12 +645,9 @@ class Camera(Symbols[Number]):
     def _lens(self) -> Frame:
         return self._placed("main_lens", 0.0)
 
-    @cached_property
-    def _poses(self) -> dict[str, Frame]:
-        """Cache of poses asked for so far."""
-        return {"main_lens": frame((0.0, 0.0), 0.0, (0.0, 0.0))}
-
     def _own_pose(self, part: str) -> Frame:
+        if part == "main_lens":
+            return frame((0.0, 0.0), 0.0, (0.0, 0.0))
         turn: Number = 0.0
         if part == "microlens_array":
             z, turn = self.seen.d_1, self._numbers["microlens_array.rotation"]

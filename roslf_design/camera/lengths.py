@@ -13,26 +13,11 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 
 from .._arrays import Array, floats, product, ratio
-from ..bore.chain import Chain
+from ..bore.chain import Chain, ImagedPlane
 from ..bore.opening import ClearAperture
 from ..bore.part import Number
 from ..design.parts import PATHS, RulerSymbols
-
-
-class _Distant(Protocol):
-    """A plane that stands at a distance before the main lens, as that sees it."""
-
-    @property
-    def distance(self) -> Number:
-        """Distance before the main lens, as that sees it [mm]."""
-
-
-class _Opening(_Distant, Protocol):
-    """An opening at a distance before the main lens, both as that sees them."""
-
-    @property
-    def outline(self) -> ClearAperture:
-        """Clear opening as the main lens sees it."""
+from .rims import Rim
 
 
 class _Viewer(Protocol):
@@ -45,11 +30,11 @@ class _Viewer(Protocol):
         """Focal length [mm]."""
 
     @property
-    def focus(self) -> _Distant:
+    def focus(self) -> ImagedPlane:
         """The focal plane."""
 
     @property
-    def fap(self) -> _Opening:
+    def fap(self) -> Rim:
         """The FAP."""
 
     @property

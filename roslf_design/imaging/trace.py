@@ -69,6 +69,8 @@ from .surfaces import (
     on_circle,
 )
 
+KICKS = 4096
+"""Directions that stand for an opening's diffraction."""
 GROUPS = 4
 """Groups of a pixel's rays whose means tell its error, each spread as evenly as all; as many rays at the first look."""
 FEWEST = 4
@@ -261,8 +263,9 @@ class Tracer:
         return images[0] if len(images) == 1 else images.mean(0), rays
 
 
-def _kicks(opening: ClearAperture, wavelengths: tuple[float, ...], count: int = 4096) -> Floats:
-    """Directions of an opening's diffraction at even shares of the light, shape (count, 5): `Tracer.kicks`."""
+def _kicks(opening: ClearAperture, wavelengths: tuple[float, ...]) -> Floats:
+    """Directions of an opening's diffraction at even shares of the light, shape (KICKS, 5): `Tracer.kicks`."""
+    count = KICKS
     even = _even_shares(opening.half is not None, count) * (sum(wavelengths) / len(wavelengths))
     if opening.half is not None:  # along each side by itself
         (u_x, u_y), (v_x, v_y) = opening.axes

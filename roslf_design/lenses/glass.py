@@ -262,22 +262,15 @@ def is_shipped(glass: Glass) -> bool:
     return catalogue().get(glass.name.upper()) == replace(glass, temperature=ROOM, offset=0.0)
 
 
-def find_glass(name: str, extra: Mapping[str, Glass] | None = None) -> Glass:
-    """The glass of that name, in any case.
-
-    Parameters
-    ----------
-    name : str
-        Such as "N-BK7"; "air" and "" are air.
-    extra : mapping, optional
-        Glasses of the reader's own by upper-case name; they go first.
+def find_glass(name: str) -> Glass:
+    """The glass of that name, such as "N-BK7", in any case; "air" and "" are air.
 
     Raises
     ------
     InputError
         Unknown; names the nearest one known.
     """
-    known = {**catalogue(), **(extra or {})}
+    known = catalogue()
     if glass := known.get(name.strip().upper() or "AIR"):
         return glass
     if any(gas in name.lower() for gas in GASES):

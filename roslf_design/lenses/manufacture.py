@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, Problem
 from .glass import AIR, Glass
-from .prescription import LensError, Prescription, abcd, grow_cells, lens_growth, rotation, sag, surface_table
+from .prescription import FirstOrder, LensError, Prescription, grow_cells, lens_growth, rotation, sag, surface_table
 from .tracer import COLUMNS, CONIC, FORM, IRREGULAR, MODES, SPHERE, SurfaceStack
 
 Array = NDArray[np.float64]
@@ -226,11 +226,9 @@ def lens_builds(
         media[row + 1] = surface.glass.index(wavelength if light is None else light, temperature)
     media[1:] += _offsets(lens, wavelength, values, trials)
     bends = [table[:, row, 3] + s.vertex_curvature - s.curvature for row, s in enumerate(lens.surfaces)]
-    a, _, c, d = abcd(bends, list(gaps), list(media))
-    with np.errstate(divide="ignore"):
-        focal = -1 / c
     length = np.sum(gaps[:-1], axis=0)
-    front, rear = (1 - d) * focal, length + (a - 1) * focal
+    order = FirstOrder.of(bends, list(gaps), list(media), length)
+    front, rear = order.front_principal, order.rear_principal
     first, last = (_sag(lens, table, row, table[:, row, 5]) for row in (0, len(lens.surfaces) - 1))
     _pose(table, lens, values)
     if np.any(np.asarray(tilt[0])) or np.any(np.asarray(tilt[1])):
@@ -238,7 +236,7 @@ def lens_builds(
         middle[:, 2] = (front + rear) / 2
         _turn(table, range(len(lens.surfaces)), middle, rotation(*tilt))
     ends = np.minimum(0.0, first), length + np.maximum(0.0, last)
-    return LensBuilds(table.reshape(trials, -1), media.T.copy(), sound, -c, front, rear, *ends)
+    return LensBuilds(table.reshape(trials, -1), media.T.copy(), sound, order.power, front, rear, *ends)
 
 
 def _shaped(

@@ -226,8 +226,7 @@ class Prescription:
         """Gaussian constants; parameters and errors as of the function of this name."""
         media = [1.0, *(float(surface.glass.index(wavelength)) for surface in self.surfaces)]
         curvatures, gaps = ([getattr(s, name) for s in self.surfaces] for name in ("vertex_curvature", "thickness"))
-        matrix = np.array(abcd(curvatures, gaps, media)).reshape(2, 2)
-        return FirstOrder(-float(matrix[1, 0]), matrix, self.length)
+        return FirstOrder.of(curvatures, gaps, media, self.length)
 
 
 @dataclass(frozen=True)
@@ -374,37 +373,45 @@ def rotation(alpha: ArrayLike, beta: ArrayLike) -> Array:
 
 
 class FirstOrder(NamedTuple):
-    """Gaussian constants at one wavelength, in air on both sides; misaligned surfaces count as centred.
+    """Gaussian constants in air on both sides, of one lens or of many builds (T,); misaligned ones count as centred.
 
     Their first-order effect is a shift of the image, not of its focus. Distances along z are in the lens's frame.
     """
 
-    power: float
+    power: Any
     """1/f [1/mm]; 0 for an afocal lens."""
     matrix: Array
-    """ABCD from the first vertex plane to the last: (height, slope) after = matrix @ (height, slope) before, (2, 2)."""
-    length: float
+    """ABCD from the first vertex plane to the last: (height, slope) after = matrix @ (height, slope) before, (2, 2)
+    or (2, 2, T)."""
+    length: Any
     """First to last vertex [mm]."""
 
+    @classmethod
+    def of(cls, curvatures: Sequence[Any], gaps: Sequence[Any], media: Sequence[Any], length: Any) -> FirstOrder:
+        """Constants of surfaces; arguments as of `abcd`."""
+        matrix = np.array(np.broadcast_arrays(*abcd(curvatures, gaps, media)))
+        return cls(_plain(-matrix[2]), matrix.reshape(2, 2, *matrix.shape[1:]), length)
+
     @property
-    def focal_length(self) -> float:
+    def focal_length(self) -> Any:
         """Effective focal length f [mm], infinite for an afocal lens."""
-        return 1 / self.power if self.power else math.inf
+        with np.errstate(divide="ignore"):
+            return _plain(np.divide(1, self.power + 0.0))
 
     @property
-    def back_focal_length(self) -> float:
+    def back_focal_length(self) -> Any:
         """Last vertex to the image-side focus [mm]."""
-        return float(self.matrix[0, 0]) * self.focal_length
+        return _plain(self.matrix[0, 0]) * self.focal_length
 
     @property
-    def front_principal(self) -> float:
+    def front_principal(self) -> Any:
         """Place of the object-side principal plane along z [mm]."""
-        return (1 - float(self.matrix[1, 1])) * self.focal_length
+        return (1 - _plain(self.matrix[1, 1])) * self.focal_length
 
     @property
-    def rear_principal(self) -> float:
+    def rear_principal(self) -> Any:
         """Place of the image-side principal plane along z [mm]."""
-        return self.length + (float(self.matrix[0, 0]) - 1) * self.focal_length
+        return self.length + (_plain(self.matrix[0, 0]) - 1) * self.focal_length
 
     def image_of(self, z: float) -> tuple[float, float]:
         """Place along z of the image of an axial point of the scene's side, and the transverse magnification.
@@ -418,6 +425,11 @@ class FirstOrder(NamedTuple):
         if slope == 0:
             return math.inf, math.inf
         return self.length - float((a * -z + b) / slope), float(1 / slope)
+
+
+def _plain(value: Any) -> Any:
+    """A number of one lens as Python's own."""
+    return value if np.ndim(value) or np.iscomplexobj(value) else float(value)
 
 
 def first_order(lens: Prescription, wavelength: float) -> FirstOrder:
@@ -456,29 +468,7 @@ def grow_cells(cells: Array, shape: Any) -> None:
     cells[..., FORM + MODES] /= shape
 
 
-class _WarmConstants(NamedTuple):
-    """Gaussian constants of a lens at temperatures: as of `FirstOrder`, numbers or arrays."""
-
-    matrix: tuple[Any, Any, Any, Any]
-    length: Any
-
-    @property
-    def focal_length(self) -> Any:
-        """Effective focal length [mm]."""
-        return -1 / self.matrix[2]
-
-    @property
-    def front_principal(self) -> Any:
-        """Place along z from the first vertex [mm]."""
-        return (1 - self.matrix[3]) * self.focal_length
-
-    @property
-    def rear_principal(self) -> Any:
-        """Place along z from the first vertex [mm]."""
-        return self.length + (self.matrix[0] - 1) * self.focal_length
-
-
-def warm_constants(lens: Prescription, wavelength: Any, temperature: Any, barrel: float) -> _WarmConstants:
+def warm_constants(lens: Prescription, wavelength: Any, temperature: Any, barrel: float) -> FirstOrder:
     """Gaussian constants of a lens at temperatures [degrees C] that broadcast with wavelengths [mm].
 
     `barrel` is the expansion of what spaces it [1/K].
@@ -487,7 +477,7 @@ def warm_constants(lens: Prescription, wavelength: Any, temperature: Any, barrel
     media = [1.0, *(surface.glass.index(wavelength, temperature) for surface in lens.surfaces)]
     bends = [surface.vertex_curvature / shape for surface, (shape, _) in zip(lens.surfaces, grown, strict=True)]
     gaps = [surface.thickness * gap for surface, (_, gap) in zip(lens.surfaces, grown, strict=True)]
-    return _WarmConstants(abcd(bends, gaps, media), sum(gaps[:-1], start=0.0 * gaps[0]))
+    return FirstOrder.of(bends, gaps, media, sum(gaps[:-1], start=0.0 * gaps[0]))
 
 
 def abcd(curvatures: Sequence[Any], gaps: Sequence[Any], media: Sequence[Any]) -> tuple[Any, Any, Any, Any]:

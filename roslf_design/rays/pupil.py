@@ -181,10 +181,11 @@ class Fan(NamedTuple):
     """`PupilRays.status`, shape (microlenses, rays)."""
 
 
-def fans(
-    camera: Camera, microlens: ArrayLike, *, rays: int = 9, fill: float = 1.0, distance: float | None = None
-) -> Fan:
+def fans(camera: Camera, microlens: ArrayLike, *, rays: int = 9, fill: float = 1.0) -> Fan:
     """Fans from the object plane through the pupil and one microlens each.
+
+    They start at the plane in focus on the array or, where that is at infinity or behind the lens, one and a half times
+    as far as the farthest stop or element.
 
     Parameters
     ----------
@@ -196,20 +197,10 @@ def fans(
         In each fan, spread evenly along the FAP's x, rim to rim.
     fill : float, optional
         How much of that diameter they span; above 1, the outermost rays are shown being clipped.
-    distance : float, optional
-        Where they start, from the main lens [mm]; None for the plane in focus on the array or, where that is at
-        infinity or behind the lens, one and a half times as far as the farthest stop or element.
-
-    Raises
-    ------
-    ValueError
-        A `distance` that is not finite.
     """
-    if distance is not None and not np.isfinite(distance):
-        raise ValueError(f"distance: {distance} cannot be drawn; give a finite one in mm")
     c = np.asarray(microlens, float)[..., None]
     course = trace_pupil(camera, camera.fap.outline.across(np.linspace(-fill, fill, rays)), (c, 0.0))
-    drawn = paths(camera, course, (c, 0.0), _start(camera) if distance is None else distance)
+    drawn = paths(camera, course, (c, 0.0), _start(camera))
     return Fan(drawn[..., 2], drawn[..., 0], drawn[..., 1], course.status)
 
 

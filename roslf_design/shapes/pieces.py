@@ -182,7 +182,9 @@ def bound(discs: Floats, arcs: Floats, edges: Floats, sides: int, work: Floats, 
     return cut_edges(discs, edges, sides, pieces, filled)
 
 
-def boundary(centres: Floats, radii: Floats, polygons: Sequence[Floats]) -> tuple[Floats, Floats, list[list[float]]]:
+def boundary(
+    centres: Floats, radii: Floats, polygons: Sequence[Floats] | Floats
+) -> tuple[Floats, Floats, list[list[float]]]:
     """Discs, edges and pieces (`bound`) of one common part of discs and convex polygons (M, 2), counterclockwise."""
     k, most = len(radii), sum(map(len, polygons))
     discs = np.column_stack([centres, radii, np.empty(k)])

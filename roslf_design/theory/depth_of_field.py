@@ -2,7 +2,7 @@
 
 A point at Z_F spreads over ``e |m - A/Z_F|`` of the array, e the width of the FAP that counts: all of it in the
 refocused image, in a single view what its pixel sees of it, blurred by the microlens, ``(q + lambda d_2/d) A/d_2``.
-Sharp is what stays within ``blur`` pitches. In air, ``1/Z_F = (1 +- d/(e m))/(d_f - d_3)``.
+Sharp is what stays within a pitch. In air, ``1/Z_F = (1 +- d/(e m))/(d_f - d_3)``.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def view_f_number(c: Camera) -> Array:
     return np.asarray(magnitude(ratio(c.seen.A, _pupil_part(c, "view"))))
 
 
-def depth_of_field(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> _DepthOfField:
+def depth_of_field(c: Camera, kind: Kind = "refocused") -> _DepthOfField:
     """Nearest and farthest sharp plane about the focal plane.
 
     Parameters
@@ -52,10 +52,8 @@ def depth_of_field(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> _D
     c : Camera
     kind : {"refocused", "view"}
         The image refocused to the focal plane, or a single view.
-    blur : float
-        Microlens pitches that a point may spread over.
     """
-    share = _share(c, kind, blur)
+    share = _share(c, kind)
     near, far = (
         np.asarray(c.plane_seen_at(c.seen.d_3 + ratio(c.seen.gap, 1 + sign * share)) - c.tip, float) for sign in (1, -1)
     )
@@ -66,33 +64,28 @@ def depth_of_field(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> _D
     return _DepthOfField(near[()], far[()])
 
 
-def past_infinity(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
-    """-1 over the far end, 0 where that is at infinity and rising on beyond: smooth where the far end is none [1/mm].
-
-    Parameters are those of `depth_of_field`.
-    """
-    inside = 1 - _share(c, kind, blur)
+def past_infinity(c: Camera, kind: Kind = "refocused") -> Array:
+    """-1 over the far end [1/mm]: 0 at infinity and rising on beyond, smooth where the far end is none."""
+    inside = 1 - _share(c, kind)
     seen = c.seen.d_3 * inside + c.seen.gap
     place, front = c.front
     more = front.d * inside - front.c * seen
     less = front.medium * (front.a * seen - front.b * inside) + (place - c.tip) * more
     inverse = np.asarray(ratio(more, less), float)
-    return np.where(np.isinf(depth_of_field(c, kind, blur).far), np.abs(inverse), -inverse)[()]
+    return np.where(np.isinf(depth_of_field(c, kind).far), np.abs(inverse), -inverse)[()]
 
 
-def _share(c: Camera, kind: Kind, blur: float) -> Array:
+def _share(c: Camera, kind: Kind) -> Array:
     """Change of 1/Z_F from the focal plane to an end, over its own at the focal plane."""
-    share = ratio(blur * c.d, product(_pupil_part(c, kind), magnitude(c.seen.m)))
+    share = ratio(c.d, product(_pupil_part(c, kind), magnitude(c.seen.m)))
     # Behind a relay the FAP may be seen beyond the focal plane: nearer planes then lie at larger Z_F.
     return np.asarray(share * np.where(np.real(c.seen.gap) < 0, -1.0, 1.0))
 
 
-def hyperfocal(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
+def hyperfocal(c: Camera, kind: Kind = "refocused") -> Array:
     """Nearest focal plane whose depth of field reaches infinity, the bore held [mm ahead of its tip].
 
     0 where that of every one ahead of the tip does, nan where none does.
-
-    Parameters are those of `depth_of_field`.
     """
     front, lens = c.front[1], c.f - c.seen.d_3
     # sigma = (grow m - less)/ahead for what is far, falling with m towards the m that is focused there; A = f + m lens.
@@ -100,12 +93,12 @@ def hyperfocal(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
     ahead = front.d - front.c * c.seen.d_3
     grow, less = np.asarray(ahead - lens * front.c, float), np.asarray(c.f * front.c, float)
     turn, ahead = np.where(grow < 0, -1.0, 1.0), magnitude(ahead)
-    by_all = ratio(ratio(blur * c.d, magnitude(c.seen.D_F)) * ahead + turn * less, turn * grow)
+    by_all = ratio(ratio(c.d, magnitude(c.seen.D_F)) * ahead + turn * less, turn * grow)
     m, least = np.asarray(by_all), -1.0 if c.chain.bends else 0.0  # m at which d_1 is 0, and at which it is f
     if kind == "view":
         pixel = ratio(c.q + diffraction_width(c), c.seen.d_2) * np.where(np.real(c.seen.inverse_H) < 0, -1.0, 1.0)
         a, b = turn * grow * lens, turn * (grow * c.f - less * lens)
-        rest = turn * less * c.f + ratio(blur * c.d, pixel) * ahead
+        rest = turn * less * c.f + ratio(c.d, pixel) * ahead
         root = b * b + 4 * a * rest
         by_view = ratio(2 * rest, b + np.where(b < 0, -1.0, 1.0) * np.sqrt(np.maximum(root, 0.0)))
         narrow = magnitude(pixel * (c.f + by_view * lens)) < magnitude(c.seen.D_F)
@@ -114,5 +107,5 @@ def hyperfocal(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
     vergence = np.where(imaged, m, 1.0) / (c.f * (1 + np.where(imaged, m, 1.0)))
     there = np.asarray(c.plane_of_vergence(vergence) - c.tip, float)
     # With none ahead of the tip all focal planes there are alike, this camera's own among them.
-    alike = np.where(np.isinf(depth_of_field(c, kind, blur).far), 0.0, np.nan)
+    alike = np.where(np.isinf(depth_of_field(c, kind).far), 0.0, np.nan)
     return np.asarray(np.where(imaged & (there > 0) & np.isfinite(there), there, alike))[()]

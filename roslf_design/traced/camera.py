@@ -214,7 +214,7 @@ class LensCamera:
     @property
     def d_1(self) -> float:
         """Image-side principal plane to microlens array [mm]."""
-        return self.array.z - self.first_order.rear_principal
+        return float(self.array.z - self.first_order.rear_principal)
 
     @property
     def d_2(self) -> float:
@@ -224,12 +224,12 @@ class LensCamera:
     @property
     def d_f(self) -> float:
         """Focal plane to object-side principal plane, as the lens sees it [mm]."""
-        return self.first_order.front_principal - self.focal_plane
+        return float(self.first_order.front_principal - self.focal_plane)
 
     @property
     def d_3(self) -> float:
         """FAP to object-side principal plane, as the lens sees it [mm]."""
-        return self.first_order.front_principal - self.fap.z
+        return float(self.first_order.front_principal - self.fap.z)
 
     @property
     def focus(self) -> tuple[float, Array]:

@@ -226,7 +226,7 @@ def test_corners_of_fans_lie_on_tilted_elements():
     for _ in range(30):
         design = random_design(rng, stops=3)
         sensor, array, lens, stops = planes(design)
-        fan = fans(Camera.of(design), rng.uniform(-10, 10) * design.d, rays=5, distance=2 * design.d_f)
+        fan = fans(Camera.of(design), rng.uniform(-10, 10) * design.d, rays=5)
         points = np.stack([fan.x, fan.y, fan.z], -1)
         for ray, status in zip(points, fan.status, strict=True):
             if status == RayFate.MISSED:
@@ -247,8 +247,6 @@ def test_a_camera_focused_at_infinity_is_drawn_from_beyond_its_stops():
     camera = Camera.of(PAPER, {"f": 100.0, "d_1": 100.0})
     np.testing.assert_array_equal(fans(camera, 0.0).z[:, 0], -180.0)
     np.testing.assert_array_equal(fans(camera.replace({"d_3": 0.0}), 0.0).z[:, 0], -100.0)
-    with pytest.raises(ValueError, match="finite"):
-        fans(camera, 0.0, distance=np.inf)
 
 
 @pytest.mark.parametrize("name", ["window in water", "relay", "objective"])
