@@ -8,7 +8,6 @@ floats and arrays, runs interpreted as it stands, and is compiled only when some
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import importlib
 import os
 import sys
@@ -77,6 +76,8 @@ class Kernel(Generic[P, R]):
     @cached_property
     def digest(self) -> str:
         """Fingerprint of this kernel with all that it calls and all constants it reads."""
+        import hashlib  # with OpenSSL, for kernels that are compiled only
+
         source = self.interpreted
         assert isinstance(source, FunctionType)
         fingerprint = hashlib.sha256(source.__code__.co_code + WIDE.encode() + (b"inline" if self.inline else b""))

@@ -29,7 +29,12 @@ LISTED = 40
 """Faults that are told one by one."""
 PATIENCE = 2.0
 """Seconds of a command for want of machine code from which on it says what would save them."""
-SELDOM_USED = frozenset({"numpy.f2py", "numpy.testing", "secrets"})
+SELDOM_USED = frozenset(
+    {
+        *("numpy.f2py", "numpy.testing", "numpy._core._add_newdocs", "numpy._core._add_newdocs_scalars"),
+        *("importlib.metadata._adapters", "secrets"),
+    }
+)
 """Modules that numpy, scipy and pydantic import, slow ones, and commands do not use."""
 YOUNG = 20_000
 """Objects made before Python looks for cycles that nothing holds any more."""
