@@ -24,8 +24,8 @@ PHOTOMETRIC = (
     *(f"depth.{name}" for name in ("contrast", "window", "view_mismatch")),
 )
 """Places of what light, sensor and texture have to do with depth errors."""
-TEMPERATURES = ("environment.range.0", "environment.range.1")
-"""Places of the coldest and the warmest that the camera meets."""
+TEMPERATURES = ("environment.range.0", "environment.range.1", "environment.calibrated_at")
+"""Places of the coldest and the warmest that the camera meets, and of the temperature at which it is calibrated."""
 NOT_NEGATIVE = ("read_noise", "prnu", "dsnu", "veil", "view_mismatch")
 """Last names of numbers that may be 0."""
 OPTIONAL = (

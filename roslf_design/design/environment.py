@@ -48,6 +48,8 @@ class Environment(Part):
     """Temperature of the whole camera and of what it looks through [degrees C]."""
     range: Annotated[tuple[Temperature, Temperature] | None, Field(default=None)]
     """Coldest and warmest that the camera meets, in use or in an autoclave [degrees C]."""
+    calibrated_at: Temperature | None = None
+    """Temperature at which the camera is calibrated [degrees C]; None is the middle of `range`."""
     housing: Housed | None = None
     """Housing that holds the parts apart; None does not grow."""
     sensor: Housed = opaque_solids()["silicon"]

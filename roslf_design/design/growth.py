@@ -28,6 +28,8 @@ def about_environment(design: Assembly) -> tuple[Problem, ...]:
         return ()
     asked = {"temperature": environment.temperature}
     asked |= dict(zip(("range.1", "range.2"), environment.range or (), strict=False))
+    if environment.calibrated_at is not None:
+        asked["calibrated_at"] = environment.calibrated_at
     for place, glass in design.glasses:
         for key, degrees in asked.items():
             if glass.warming.coldest <= degrees <= glass.warming.hottest:

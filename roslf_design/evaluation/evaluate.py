@@ -227,7 +227,8 @@ def _temperatures(design: Design, camera: Camera) -> Temperatures | None:
     if environment is None:
         return None
     plane, rows = float(camera[PATHS["d_f"]]), []
-    for degrees in sorted({ROOM, float(environment.temperature), *(environment.range or ())}):
+    met = {ROOM, float(environment.temperature), *(environment.range or ())}
+    for degrees in sorted(met if environment.calibrated_at is None else {*met, float(environment.calibrated_at)}):
         warm = camera.replace({TEMPERATURE: degrees})
         fits = bool(warm.valid)
         with np.errstate(all="ignore"):

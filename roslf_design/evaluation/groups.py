@@ -431,7 +431,7 @@ class Temperatures:
     expansion_per_k: float
     """Expansion of the housing."""
     at: tuple[AtTemperature, ...]
-    """20 degrees C, the camera's own, the ends of its range."""
+    """20 degrees C, the camera's own, the ends of its range, and where it is calibrated."""
     index_not_known: tuple[str, ...]
     """Materials whose index is taken not to change."""
     not_named: tuple[str, ...]

@@ -14,7 +14,7 @@ import numpy as np
 from .._arrays import Array, by_value
 from ..camera import TEMPERATURES, Camera
 from ..words import listed, number
-from .depth_error import MOST_FILL, depth_error, lengths_error, overlap_error, seen_at, temperature_error
+from .depth_error import MOST_FILL, depth_error, lengths_error, overlap_error, seen_at, temperature_error, temperatures_met
 from .disparity_error import axial_disparity_sigmas
 from .f_number import fill_factor
 from .length_covariance import CalibratedLengths, LengthCovariance
@@ -62,6 +62,8 @@ class DepthBudget:
     """Standard error of the disparity between the FAP's rims that noise alone leaves [microlens pitches]."""
     caution: str = ""
     """Why the sum may be believed less, in words; empty where nothing is known."""
+    calibrated_at_degc: Array | float | None = None
+    """Temperature that the term of temperature counts from [degrees C]; None where there is none."""
 
     def of_kind(self, kind: Kind | None = None) -> Array:
         """Root sum of squares of all terms, or of those of a kind [mm]."""
@@ -129,6 +131,7 @@ class DepthBudget:
             "u_z_mm": float(self.u_z_mm),
             "expanded_mm": float(self.expanded_mm),
             "k": COVERAGE,
+            "calibrated_at_degc": None if self.calibrated_at_degc is None else float(self.calibrated_at_degc),
             "terms": [term.to_dict() for term in self.terms],
         }
 
@@ -183,14 +186,17 @@ def depth_budget(
             terms.append(BudgetTerm(OVERLAP, "B", "precision", overlap, remark))
     terms += _lengths(c, at, build, calibration)
     warmth = temperature_error(c, at)
-    remark = "no temperature range is given (environment.range)"
-    if warmth is not None:
-        coldest, warmest = (_typical(c[place]) for place in TEMPERATURES)
-        middle = f"{(coldest + warmest) / 2:g} °C, where it is calibrated, or corrected for it"
-        remark = f"{coldest:g} to {warmest:g} °C about the middle, {middle}"
+    remark = "no temperatures are given (environment.range, calibrated_at)"
+    met = temperatures_met(c)
+    if met is not None:
+        coldest, warmest, known = map(_typical, met)
+        used = f"{coldest:g}" if coldest == warmest else f"{coldest:g} to {warmest:g}"
+        middle = "the middle of the range; if it is calibrated at another, say calibrated_at in [environment]"
+        where = "where it is calibrated" if TEMPERATURES[2] in c.numbers else middle
+        remark = f"{used} °C, counted from {known:g} °C, {where}"
     alone = bool(calibration is not None and at is not None and np.isin(at, calibration.uncovered_mm).any())
     terms.append(BudgetTerm(WARMTH, "B", "trueness", warmth, remark))
-    return DepthBudget(tuple(terms), sigmas[0], MODEL_ALONE * alone)
+    return DepthBudget(tuple(terms), sigmas[0], MODEL_ALONE * alone, None if met is None else met[2])
 
 
 def _lengths(

@@ -84,18 +84,34 @@ def lengths_error(c: Camera, at: Depth | Array, covariance: LengthCovariance) ->
     return _finite(covariance.carried(c, lambda builds: depth_told(builds, slope)))
 
 
-def temperature_error(c: Camera, at: Depth | Array) -> Array | None:
-    """Standard uncertainty that the range of temperatures puts into depths told for one, ``|dZ/dT| a/sqrt(3)`` [mm].
+def temperatures_met(c: Camera) -> tuple[Number, Number, Number] | None:
+    """Coldest and warmest that a camera is used at, and the one that its lengths are known at [degrees C].
 
-    All temperatures within +-a are alike (GUM 4.3.7). None where no range is given, or lengths are as measured.
+    Without a range it is used at its own temperature; lengths that nothing says where they are calibrated are known in
+    the middle of the range. None where neither is given, or lengths are as measured.
     """
-    if c.growth is None or TEMPERATURES[0] not in c.numbers:
+    ends = [c.numbers.get(place) for place in TEMPERATURES]
+    if c.growth is None or ends == [None] * 3:
+        return None
+    coldest, warmest = (c[TEMPERATURE] if end is None else end for end in ends[:2])
+    return coldest, warmest, (coldest + warmest) / 2 if ends[2] is None else ends[2]
+
+
+def temperature_error(c: Camera, at: Depth | Array) -> Array | None:
+    """Standard uncertainty that temperatures put into depths that are told as where the camera is calibrated [mm].
+
+    ``|dZ/dT|`` times the root mean square of ``T - T_c`` over the range, in which all temperatures are alike: half the
+    range over sqrt(3) about its middle (GUM 4.3.7), the whole one over sqrt(3) from an end, and what it is off by where
+    the range is one temperature. None as `temperatures_met`.
+    """
+    if (met := temperatures_met(c)) is None:
         return None
     slope, here = light_field.epi_slope(c, depth_at(c, at)), np.asarray(c[TEMPERATURE])
-    coldest, warmest = (c[place] for place in TEMPERATURES)
     cold, warm = (depth_told(c.replace({TEMPERATURE: here + step}), slope) for step in (-WARMER, WARMER))
+    colder, warmer = (end - met[2] for end in met[:2])
+    away = np.sqrt((colder**2 + colder * warmer + warmer**2) / 3)
     with np.errstate(invalid="ignore"):
-        return _finite(np.abs(warm - cold) / (2 * WARMER) * (warmest - coldest) / (2 * np.sqrt(3)))
+        return _finite(np.abs(warm - cold) / (2 * WARMER) * away)
 
 
 def overlap_error(c: Camera) -> Array:

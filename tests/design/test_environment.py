@@ -208,6 +208,9 @@ def fill_of(design):
 def test_evaluation_tells_the_range():
     result = evaluate(warm("arthroscope", 37, "titanium", range='["20 degC", "134 degC"]')).temperature
     assert [row.temperature_degc for row in result.at] == [20.0, 37.0, 134.0]
+    cold = evaluate(warm("arthroscope", 37, "titanium", calibrated_at='"23 degC"'))
+    assert [row.temperature_degc for row in cold.temperature.at] == [20.0, 23.0, 37.0]
+    assert cold.to_dict()["depth"]["expected"]["calibrated_at_degc"] == 23.0
     assert all(row.fits for row in result.at)
     assert result.at[1].focus_shift_pitches == 0
     assert result.not_named == ("the main lens",)
@@ -225,6 +228,8 @@ def test_evaluation_tells_the_range():
         ('housing = {expansion = "x"}', "per K"),
         ('range = ["40 degC", "10 degC"]', "does not rise"),
         ('reference = "20 mm"', "is a unit of length"),
+        ('calibrated_at = 20', "calibrated_at: 20 has no unit"),
+        ('calibrated_at = "400 degC"', "environment.calibrated_at"),
         ('colour = 1', "is not a known key"),
     ],
 )  # fmt: skip
@@ -240,6 +245,8 @@ def test_water_does_not_freeze_and_a_prescription_knows_its_glass():
         warm("arthroscope", -5)
     with pytest.raises(DesignError, match=r"range\.2: 145 degC is outside what is known of N-LASF9"):
         warm("arthroscope", 20, range='["0 degC", "145 degC"]')
+    with pytest.raises(DesignError, match=r"calibrated_at: -5 degC is outside what is known of saline"):
+        warm("arthroscope", 37, calibrated_at='"-5 degC"')
     text = dumps(load("paper-singlet")).replace("[main_lens]", '[main_lens]\nmaterial = "N-BK7"')
     with pytest.raises(DesignError, match="the prescription says what the lens is made of"):
         loads(text)

@@ -152,6 +152,36 @@ def test_temperature_is_the_shift_over_the_range():
     assert float(temperature_error(camera, None)) == pytest.approx(half / np.sqrt(3), rel=2e-3)
 
 
+@pytest.mark.parametrize("calibrated_at", ["18 degC", "25 degC", "40 degC", "-5 degC"])
+def test_temperature_counts_from_where_the_camera_is_calibrated(calibrated_at):
+    """Brute force: root mean square of the shifts at 4001 temperatures of the range."""
+    camera = Camera.of(WARM.replace({"environment.calibrated_at": calibrated_at}))
+    known = float(calibrated_at.split()[0])
+    ends = [Camera.of(WARM, {"environment.temperature": t}) for t in (24.0, 26.0)]
+    per_kelvin = abs(np.diff([float(c.plane_seen_at(c.seen.d_f)) for c in ends])) / 2
+    shifts = per_kelvin * (np.linspace(15.0, 40.0, 4001) - known)
+    assert float(temperature_error(camera, None)) == pytest.approx(np.sqrt(np.mean(shifts**2)), rel=2e-3)
+
+
+def test_temperature_says_where_it_counts_from():
+    budgets = {at: depth_budget(Camera.of(WARM.replace({"environment.calibrated_at": at}))) for at in (None, "18 degC")}
+    assert budgets[None].to_dict()["calibrated_at_degc"] == 27.5
+    assert "27.5 °C, the middle of the range; " in terms(budgets[None])["temperature"].remark
+    assert budgets["18 degC"].to_dict()["calibrated_at_degc"] == 18.0
+    assert terms(budgets["18 degC"])["temperature"].remark == "15 to 40 °C, counted from 18 °C, where it is calibrated"
+    assert depth_budget(Camera.of(PAPER)).to_dict()["calibrated_at_degc"] is None
+
+
+def test_without_a_range_temperature_counts_from_there_to_its_own():
+    alone = WARM.replace({"environment.range": None, "environment.calibrated_at": "18 degC"})
+    budget = terms(depth_budget(Camera.of(alone)))["temperature"]
+    assert budget.remark == "25 °C, counted from 18 °C, where it is calibrated"
+    per_kelvin = float(temperature_error(Camera.of(WARM), None)) * np.sqrt(3) / 12.5
+    assert float(budget.u_mm) == pytest.approx(7 * per_kelvin, rel=1e-9)
+    warmer = terms(depth_budget(Camera.of(alone.at_temperature(18))))["temperature"]
+    assert float(warmer.u_mm) == 0.0
+
+
 def test_lines_without_a_number_say_why():
     budget = terms(depth_budget(Camera.of(PAPER)))
     assert budget["lengths as built"].u_mm is None
