@@ -193,4 +193,4 @@ def _print_plan(design: str, asked: PlanOptions, distortion: int | None, json: b
         told |= {"cover": plain(plan_cover(loaded, plan.captures, asked))}
         print(json_text({**plan.to_dict(loaded.name, asked.seed), **told}))
         return
-    print_titled(f"Plan of a calibration of {loaded.name}", pages.plan_blocks(loaded, plan, asked))
+    print_titled(f"Plan of a calibration of {loaded.name}, by captures alone", pages.plan_blocks(loaded, plan, asked))

@@ -102,6 +102,8 @@ def sweep(
 
 def _notes(swept: Sweep, design: Design) -> Iterator[str]:
     """Notes on what a picture does not show: which length follows, how many points cannot be shown, and why."""
+    if swept.note:
+        yield swept.note
     if swept.follows is not None:
         changed = [PATHS.get(place, place) for place in swept.places]
         kept = [place for place in CONJUGATES if place not in (swept.follows, *changed)]

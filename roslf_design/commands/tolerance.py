@@ -123,9 +123,9 @@ def _print_result(result: StudyResult, console: Console, times: bool = False) ->
 def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
     if lost := impossible_words(result.final):
         yield Paragraph(lost)
-    yield Paragraph(headline(result))
     if short := short_words(result):
         yield Paragraph(short)
+    yield Paragraph(headline(result))
     if result.left_out:
         yield Paragraph(result.left_out)
     if loose := loose_words(result.plan):

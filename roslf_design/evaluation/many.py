@@ -15,7 +15,7 @@ from ..errors import refusal
 from ..options import Distance, one_distance
 from ..theory.focused import FocusedArray
 from ..theory.limits import as_design
-from ..theory.quantities import quantities_of_cameras
+from ..theory.quantities import quantities_of_cameras, thin_lens_note
 from ..theory.quantity_table import QuantityTable
 from .evaluate import at_temperature
 
@@ -77,7 +77,8 @@ def evaluate_many(
     named = list(designs.items()) if isinstance(designs, Mapping) else [(_name(one), one) for one in designs]
     if not named:
         raise refusal("designs", "there are none; give one or more")
-    cameras = [Camera.of(at_temperature(as_design(design), temperature)) for _, design in named]
+    used = [at_temperature(as_design(design), temperature) for _, design in named]
+    cameras = [Camera.of(design) for design in used]
     alike: dict[Any, list[int]] = defaultdict(list)
     for row, camera in enumerate(cameras):
         alike[camera.likeness, FocusedArray.of(camera) is not None].append(row)
@@ -88,7 +89,8 @@ def evaluate_many(
             if not (focused and quantity.of_views):
                 columns[quantity.name][rows] = quantity(camera, at if quantity.at != "never" else None)
     names = np.array([name for name, _ in named])
-    return QuantityTable({"design": names, **columns}, {quantity.name: quantity.unit for quantity in known})
+    units = {quantity.name: quantity.unit for quantity in known}
+    return QuantityTable({"design": names, **columns}, units, note=thin_lens_note(used, columns))
 
 
 def _name(design: Design | str | Path) -> str:

@@ -16,7 +16,6 @@ from .._arrays import Array
 from ..bore.part import TEMPERATURE
 from ..camera import Camera
 from ..design import Design, preset_names
-from ..design.parts import PATHS
 from ..errors import InputError, Problem
 from ..lenses.glass import ROOM
 from ..theory import tube
@@ -24,7 +23,7 @@ from ..theory.depth_budget import BUILT, CALIBRATED, COVERAGE, DepthBudget, dept
 from ..theory.focused import has_views
 from ..theory.length_covariance import LengthCovariance
 from ..theory.limits import as_design, limits
-from ..theory.quantities import quantity_named
+from ..theory.quantities import NO_LENS_MOVES, quantity_named
 from ..words import number
 from .groups import Verdict
 from .remedies import reaching
@@ -42,17 +41,6 @@ AS_BUILT = (
     "datasheet`) tell it with them"
 )
 """Remedy of a depth that is held by the lengths as drawn alone."""
-NO_LENS_MOVES = frozenset(
-    (
-        *("working_distance_mm", "direction_of_view_deg", "object_magnification", "object_sample_mm", "fold_lp_per_mm"),
-        *("outer_diameter_mm", "largest_diameter_mm", "total_length_mm", "camera_length_mm", "lateral_samples"),
-        *("f_number_microlens", "f_number_microlens_lens", "fresnel_number", "views_independent", "airy_radius_px"),
-        *PATHS,
-    )
-)
-"""Quantities that a thin twin has as its real lens has them: of parts, or on the axis to first order."""
-
-
 @dataclass(frozen=True)
 class Requirement:
     """A quantity that the design file limits, and whether it is within."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..camera import Camera
+from ..evaluation.required import missed_words, required_of
 from ..reporting.story import quick_study
 from ..reporting.tolerance.pages import depth_sentence, impossible_words, loose_words
 from ..reporting.tolerance.pictures import LimitSpread, Offender, Yields
@@ -111,7 +112,9 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     built = lengths_built(plan)
     depth = depth_budget(Camera.of(design), build=built)
     left_out = in_words(lengths_left_out(plan, built))
-    told = (depth_sentence(depth, plan), left_out, loose_words(plan), impossible_words(variant))
+    missed = missed_words(required_of(design, built))
+    missed = in_words(f"As built, uncalibrated, it misses its [required]: {missed}.") if missed else ""
+    told = (missed, depth_sentence(depth, plan), left_out, loose_words(plan), impossible_words(variant))
     return ToleranceResult(
         grade=request.grade,
         share=own,

@@ -19,9 +19,10 @@ from .._arrays import Array, product, ratio
 from ..bore.opening import ClearAperture
 from ..camera import Camera, Number
 from ..camera.rims import place_of
+from ..design import Design
 from ..design.parts import PATHS
 from ..toml_files import SLIP, nearest
-from ..words import number, the
+from ..words import listed, number, the
 from . import (
     depth_of_field,
     exit_pupil,
@@ -85,6 +86,29 @@ def quantity_named(name: str) -> Quantity:
     if table and not difflib.get_close_matches(name, QUANTITIES, 1, SLIP):
         remedy = f"what its {table.replace('_', ' ')} is, keys of the design state: `roslf keys {table}`"
     raise ValueError(f"'{name}' is no quantity of a design; {remedy}")
+
+
+NO_LENS_MOVES = frozenset(
+    (
+        *("working_distance_mm", "direction_of_view_deg", "object_magnification", "object_sample_mm", "fold_lp_per_mm"),
+        *("outer_diameter_mm", "largest_diameter_mm", "total_length_mm", "camera_length_mm", "lateral_samples"),
+        *("f_number_microlens", "f_number_microlens_lens", "fresnel_number", "views_independent", "airy_radius_px"),
+        *PATHS,
+    )
+)
+"""Quantities that a thin twin has as its real lens has them: of parts, or on the axis to first order."""
+
+
+def thin_lens_note(designs: Iterable[Design], names: Iterable[str]) -> str:
+    """Words on the quantities that are of thin twins where lenses are real, and who tells more; empty of none."""
+    lenses = dict.fromkeys(lens.name for design in designs if (lens := design.main_lens.kind).mounted)
+    moved = [name for name in dict.fromkeys(names) if name not in NO_LENS_MOVES]
+    if not lenses or not moved:
+        return ""
+    return (
+        f"of the thin twin, not of rays through {listed([*lenses])}: {listed(moved)}; `roslf evaluate` traces field, "
+        "light and detail"
+    )
 
 
 def quantities_of_cameras(names: str | Sequence[str], at: Depth = None) -> list[Quantity]:

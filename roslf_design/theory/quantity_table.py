@@ -6,6 +6,7 @@ import importlib.util
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from .._arrays import by_value
 from ..design import PATHS
 from ..design.files import write_new
 from ..tables import Table, csv_bytes
-from ..words import number
+from ..words import number, sentence
 
 MOST_ROWS = 24
 """Rows that are shown of a table; of a longer one the first and the last half as many."""
@@ -32,6 +33,8 @@ class QuantityTable:
     units: Mapping[str, str]
     """Unit of each column of numbers."""
     title: str = ""
+    note: str = ""
+    """What of the columns is not what it seems, in words; stands under the table."""
 
     @property
     def headed(self) -> dict[str, NDArray[Any]]:
@@ -57,7 +60,7 @@ class QuantityTable:
         write_new(Path(path), self.csv(), overwrite)
 
     def to_pandas(self) -> Any:
-        """Table as a `pandas.DataFrame`; its ``attrs["units"]`` are the units by column.
+        """Table as a `pandas.DataFrame`; its ``attrs["units"]`` are the units by column, ``attrs["note"]`` the note.
 
         Raises
         ------
@@ -69,7 +72,7 @@ class QuantityTable:
         import pandas
 
         frame = pandas.DataFrame(dict(self.columns))
-        frame.attrs["units"] = dict(self.units)
+        frame.attrs |= {"units": dict(self.units)} | ({"note": self.note} if self.note else {})
         return frame
 
     @property
@@ -88,10 +91,10 @@ class QuantityTable:
         return len(next(iter(self.columns.values()), ()))
 
     def __str__(self) -> str:
-        return self.table.text()
+        return "\n".join(filter(None, [self.table.text(), sentence(self.note)]))
 
     def _repr_html_(self) -> str:
-        return self.table.html()
+        return self.table.html() + (f"<p>{escape(sentence(self.note))}</p>" if self.note else "")
 
 
 def _cell(value: Any) -> str:

@@ -20,7 +20,7 @@ from ..errors import InputError
 from ..options import Distance, one_distance
 from .focused import refuse_focused
 from .limits import as_design
-from .quantities import quantities_of_cameras
+from .quantities import quantities_of_cameras, thin_lens_note
 from .quantity_table import QuantityTable
 
 
@@ -42,6 +42,8 @@ class Sweep:
     """Distance ahead of the bore's tip that quantities are asked for at [mm]; None: the focal plane."""
     own: tuple[float, ...]
     """The design's own value at each place."""
+    note: str = ""
+    """Quantities that are of the thin twin behind a real lens, in words; empty behind an ideal one."""
 
     def refused(self, design: Design) -> tuple[str, ...]:
         """Reasons why points have no camera, each once: those of up to `LOOKED_AT` of them."""
@@ -65,7 +67,8 @@ class Sweep:
         """Table with a row a point, places before quantities; of a grid the last place runs fastest."""
         grid = np.meshgrid(*self.places.values(), indexing="ij")
         columns = dict(zip(self.places, (axis.ravel() for axis in grid), strict=True))
-        return QuantityTable(columns | {name: values.ravel() for name, values in self.values.items()}, self.units)
+        columns |= {name: values.ravel() for name, values in self.values.items()}
+        return QuantityTable(columns, self.units, note=self.note)
 
     def to_csv(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
         """Write `table` as a CSV file, as `QuantityTable.to_csv` does."""
@@ -149,7 +152,7 @@ def sweep(
     follows = follower([PATHS.get(place, place) for place in axes])
     here = Camera.of(design)
     own = tuple(float(here[PATHS.get(place, place)]) for place in axes)
-    return Sweep(axes, values, units, valid.reshape(shape), follows, at, own)
+    return Sweep(axes, values, units, valid.reshape(shape), follows, at, own, thin_lens_note([design], values))
 
 
 UNITS = {

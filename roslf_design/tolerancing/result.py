@@ -279,10 +279,13 @@ def share_that_meets(plan: TolerancePlan, final: Variant, one: Requirement) -> Y
 
 
 def is_counted(final: Variant, one: Requirement) -> bool:
-    """Whether a study's limits, at a field or not, are as narrow as a requirement, so that its yield counts it."""
+    """Whether a study's limits, at a field or not, are as narrow as a requirement, so that its yield counts it.
+
+    None counts what builds do not tell: lengths as built of depth, expected, and rays through a real lens.
+    """
     label, low, high = limit_of(one)
     at_fields = (limit for limit in final.limits if limit.label.partition("@")[0] == label)
-    return any(low <= limit.low and limit.high <= high for limit in at_fields)
+    return of_builds(one) and any(low <= limit.low and limit.high <= high for limit in at_fields)
 
 
 def of_builds(one: Requirement) -> bool:

@@ -36,7 +36,7 @@ from ..design.files import expect_kind
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..evaluation.fields import MOST_FIELDS
-from ..evaluation.required import NO_LENS_MOVES, limits_for_study, studied
+from ..evaluation.required import limits_for_study, studied
 from ..options import Options, Seed, up_to
 from ..sobol import BITS
 from ..theory.focused import focus_faults

@@ -460,7 +460,7 @@ def test_the_plan_of_the_paper(capsys):
     code, out, _ = run(capsys, "calibrate", "--plan", "paper")
     assert code == 0
     assert "Expected sigma after one change" in out
-    assert "Calibration as planned: depth, expected, to U = ± 7.0" in out
+    assert "Calibration as planned, by captures alone: depth, expected, to U = ± 7.0" in out
     # All of it is f's, which moves d_f by as much: half of its error leaves half.
     assert "Know f twice as well: ± 3.6 mm in the focal plane." in out
     assert json.loads(exact)["depth_expected"]["u_z_mm"] < 1.8

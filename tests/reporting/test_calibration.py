@@ -227,10 +227,12 @@ def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine():
     assert f"U = ± {at_focus:.3g} mm in the focal plane" in depth.text
     assert f"± {there:.3g} mm at 300 mm ahead of the tip" in depth.text
     assert depth.text.count("there the model alone tells depth") == 1  # boards stand about the focal plane
-    assert "the model alone tells depth. Assumes a " in depth.text
-    assert "cells; tolerances, which a report and a story know before" in depth.text
+    assert "the model alone tells depth. A report or story knows tolerances, too, and promises no less." in depth.text
+    assert depth.text.startswith("Calibration as planned, by captures alone: ")
     built = LengthCovariance(("sensor.distance",), np.array([[1e-6]]))
-    assert "cells and tolerances known before" in plan_finding(paper, asked, built).section.blocks[1].items[0].text
+    text = plan_finding(paper, asked, built).section.blocks[1].items[0].text
+    assert text.startswith("Calibration as planned, with tolerances known before: ")
+    assert f"By captures alone, as `roslf calibrate --plan`: ± {at_focus:.3g} mm." in text
     # A camera is never known worse than it was built, nor than captures alone tell it.
     alone = plan.expected.sigma["d_3"]
     for made in (0.02 * alone, alone, 50 * alone):

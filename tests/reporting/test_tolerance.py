@@ -380,9 +380,9 @@ def test_the_head_names_what_is_required_and_builds_fall_short_of():
         f"working distance at least 229.5 mm and at most 230.5 mm, which {100 * near:.1f} % of 600 builds meet "
         f"(standard error {error:.2g} %)"
     )
-    assert statements.items[0].text.startswith("Builds fall short of what else the design's [required] asks for: work")
+    assert statements.items[0].text.startswith("Builds fall short of what the design's [required] asks for: work")
     assert told in statements.items[0].text
-    assert told in " ".join(summary(result).split("\n")[2:4])
+    assert told in " ".join(summary(result).split("\n")[1:4])
     assert [row["share"] for row in result.to_dict()["required_short_of"]] == [near, 0.0]
     assert analysed(data).short_of == ()
 
@@ -397,6 +397,23 @@ def test_a_yield_is_told_apart_from_a_depth_that_builds_miss_uncalibrated():
     told = _yield_statement(analysed(data, {"u_z_mm": {"max": "0.02 mm"}})).text
     assert told.startswith("Builds that nobody calibrates fall short of")
     assert "once a camera is calibrated, believe the verdict with its lengths as calibrated. By the study's own" in told
+
+
+def test_no_tick_by_a_goal_that_leaves_out_what_the_requirement_counts():
+    """The same limit as a study's goal takes each build's lengths as known: its yield was a tick beside the miss."""
+    limit = {"max": "0.3 mm"}
+    data = {
+        "trials": 300,
+        "goals": [{"metric": "u_z_mm", **limit}],
+        "perturb": [{"place": "microlens_array.distance", "tolerance": "0.5 mm"}],
+    }
+    result = analysed(data, {"u_z_mm": limit})
+    assert result.final.result.value == 1.0
+    assert [row["share"] for row in result.to_dict()["required_short_of"]] == [0.0]
+    statement = _yield_statement(result)
+    assert statement.tone == "bad"
+    assert statement.text.startswith("Builds that nobody calibrates fall short of what the design's [required] asks")
+    assert summary(result).splitlines()[1].startswith("Builds that nobody calibrates fall short of")
 
 
 def test_the_field_shown_of_a_metric_is_the_one_whose_room_scatter_uses_most_of():

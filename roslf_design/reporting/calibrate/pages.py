@@ -477,9 +477,10 @@ def plan_blocks(
         text += f" Distortion is fitted ({_terms(plan.distortion)})."
     if SceneSide.of(design) is not None:
         text += " Boards stand at mechanical distances; d_3, H and the other lengths are as the main lens sees them."
-    assumed = "; tolerances, which a report and a story know before, are left out"
+    supposed, other = "by captures alone", "A report or story knows tolerances, too, and promises no less."
     if build is not None:
-        assumed = " and tolerances known before, which `roslf calibrate --plan` does without"
+        u = planned_depth(design, plan, asked).expanded_mm
+        supposed, other = "with tolerances known before", f"By captures alone, as `roslf calibrate --plan`: ± {_rounded(u)}."
     depth = planned_depth(design, plan, asked, build)
     after = _changed_depths(design, plan, build)
     best = next(iter(after), "")
@@ -488,8 +489,8 @@ def plan_blocks(
     places |= {f"at {number(z, 4)} mm ahead of the tip": planned_depth(design, plan, asked, build, z) for z in asked.at}
     mostly = {where: one.mostly.replace(";", ", but") for where, one in places.items()}
     depths = [f"± {_rounded(one.expanded_mm)} {where}, {mostly[where]}" for where, one in places.items()]
-    promise = f"Calibration as planned: depth, expected, to U = {'; '.join(depths)}."
-    promise += f" Assumes a board of {size} cells{assumed}."
+    promise = f"Calibration as planned, {supposed}: depth, expected, to U = {'; '.join(depths)}."
+    promise += f" {other} Assumes a board of {size} cells."
     remedy = sentence(f"{best}: ± {_rounded(2 * after[best])} in the focal plane") if helps else NO_GAIN
     answers = [Statement("plain", promise, remedy)]
     large = too_large(design, c)

@@ -136,9 +136,9 @@ def short_words(result: StudyResult) -> str:
     if not told:
         return ""
     if QUANTITIES["u_z_mm"].label not in told:
-        return f"Builds fall short of what else the design's [required] asks for: {told}."
+        return f"Builds fall short of what the design's [required] asks for: {told}."
     better = "Of depth, once a camera is calibrated, believe the verdict with its lengths as calibrated."
-    return f"Builds that nobody calibrates fall short of what else the design's [required] asks for: {told}. {better}"
+    return f"Builds that nobody calibrates fall short of what the design's [required] asks for: {told}. {better}"
 
 
 def depth_sentence(budget: DepthBudget | None, plan: TolerancePlan) -> str:
