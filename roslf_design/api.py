@@ -62,8 +62,8 @@ def quantity(name: str) -> Quantity:
     Returns
     -------
     Quantity
-        Call it with a `Camera`: one number a build, behind a real lens of its thin twin (`evaluate` traces field, light
-        and detail). Its unit, words and equation are attributes.
+        Call it with a `Camera`: one number a build, behind a real lens of its thin-lens model (`evaluate` traces field,
+        light and detail). Its unit, words and equation are attributes.
 
     Raises
     ------

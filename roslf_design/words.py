@@ -21,7 +21,7 @@ TERMS = {
     "image fill": "diameter of a microlens image over the distance to the next; 1: they touch",
     "unvignetted fraction": "area of a microlens image that no rim cuts off, over that of the whole image",
     "clearance": "distance of light from the nearest rim; below 0 where the rim cuts it",
-    "thin twin": "the camera with an ideal thin lens in place of a real one: its focal length, at its principal planes",
+    "thin-lens model": "the camera with an ideal thin lens for the real one: its focal length, at its principal planes",
     "mechanical distance": "a distance as a workshop measures it, not as it appears through glass and liquid",
     "Fresnel number": "N_F = d²/(4 lambda d_2) of a microlens; diffraction leaves 4 N_F independent views an axis",
     "depth noise (bound)": "standard deviation of depth that photons and read noise alone leave; none does better",

@@ -58,8 +58,8 @@ METHOD = (
     "below 1e-12 relative. What this model leaves out is listed, with its size, under effects."
 )
 TRACED = (
-    "The main lens is real: all of that is its thin twin of the same focal length, and under real lens stands what "
-    "exact rays through its surfaces say."
+    "The main lens is real: all of that is its thin-lens model of the same focal length, and under real lens stands "
+    "what exact rays through its surfaces say."
 )
 ROUNDING = 1e-12
 """Relative, of closed forms and disc areas."""

@@ -247,7 +247,7 @@ def trace_lens(design: Design, axes: Sequence[Place], thin: Numbers) -> RealLens
     axes : sequence of (x, y)
         Microlens axes, on the MLA [mm].
     thin : Numbers
-        Eq. 6 for the thin twin.
+        Eq. 6 for the thin-lens model.
 
     Returns
     -------

@@ -255,7 +255,7 @@ class RealLensField:
 
 @dataclass(frozen=True)
 class RealLens:
-    """The traced lens. The rest of the evaluation is its thin twin: same focal length and clear diameter."""
+    """The traced lens. The rest of the evaluation is its thin-lens model: same focal length and clear diameter."""
 
     lens: str
     """Its name, "reversed" where it stands the other way round."""
@@ -274,7 +274,7 @@ class RealLens:
     x_ml_max_mm: float
     """Largest undistorted radius on the MLA."""
     thin_x_ml_max_mm: float
-    """Eq. 6's, for the thin twin; infinite where no field is too large."""
+    """Eq. 6's, for the thin-lens model; infinite where no field is too large."""
     turned_x_ml_max_mm: float | None
     """Measured bound with the lens reversed; None where the field is undistorted anyhow, or parts would collide."""
     undistorted_in_field: bool

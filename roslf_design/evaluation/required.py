@@ -41,6 +41,8 @@ AS_BUILT = (
     "datasheet`) tell it with them"
 )
 """Remedy of a depth that is held by the lengths as drawn alone."""
+
+
 @dataclass(frozen=True)
 class Requirement:
     """A quantity that the design file limits, and whether it is within."""
@@ -63,7 +65,7 @@ class Requirement:
     remedy: str = ""
     """Remedy of that, or of a limit that is missed, in a sentence."""
     thin_twin: float | None = None
-    """Value of the thin twin, by which sweeps and studies go, where `value` is of rays through a real lens."""
+    """Value of the thin-lens model, by which sweeps and studies go, where `value` is of rays through a real lens."""
 
     def holds(self, values: Array | float) -> NDArray[np.bool_]:
         """Where values are within, but for what an optimiser's rounding may leave; nowhere where they are NaN."""
@@ -125,7 +127,7 @@ def requirements(
 ) -> tuple[Requirement, ...]:
     """Every requirement of a design, in the order of its file.
 
-    Of a real lens rays tell what they can; what its thin twin alone tells is met with that reservation.
+    Of a real lens rays tell what they can; what its thin-lens model alone tells is met with that reservation.
 
     Parameters
     ----------
@@ -185,12 +187,14 @@ def requirements(
             only, remedy = _of_the_focal_plane(camera, low, high)
         twin = None if value == closed or not lens.mounted or math.isnan(closed) else closed
         if twin is not None:
-            of_twin = f"of rays; of the thin twin, as studies count it, {number(twin, 4)} {quantity.unit}"
+            of_twin = f"of rays; of the thin-lens model, as studies count it, {number(twin, 4)} {quantity.unit}"
             counts = "; ".join(filter(None, (counts, of_twin)))
             if not met and quantity.within(low, high, twin):
-                remedy = "sweeps and studies go by the thin twin, which holds it: set them a limit as much tighter"
+                remedy = (
+                    "sweeps and studies go by the thin-lens model, which holds it: set them a limit as much tighter"
+                )
         elif lens.mounted and met and quantity.name not in NO_LENS_MOVES:
-            only = ", ".join(filter(None, (only, "by the thin twin alone")))
+            only = ", ".join(filter(None, (only, "by the thin-lens model alone")))
             beyond = f"no aberration of {lens.name} is in that: leave it a margin"
             remedy = "; ".join(filter(None, (remedy, beyond)))
         numbers = (at, low, high, known)
@@ -217,7 +221,7 @@ def limits_for_study(design: Design, name: str = "quantity") -> tuple[dict[str, 
 
 
 def _of_rays(shown: FieldImages, name: str, at: float | None) -> float | None:
-    """Value that rays through the main lens tell, NaN where they show none; None of what its thin twin alone tells."""
+    """Value that rays through the main lens tell, NaN where they show none; None of what the thin-lens model tells."""
     camera = shown.images.camera
     plane = float(quantity_named("working_distance_mm")(camera)) if at is None else at
     way = next((way for way in ("width", "height") if way in name), "diagonal")

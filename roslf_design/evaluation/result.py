@@ -37,6 +37,14 @@ LEAST = (30, 14, 0)
 """Least widths of these columns on a terminal [characters]."""
 
 
+SYMBOLS = (
+    "FAP (flexible angular plane): the aperture stop's image in object space, the entrance pupil, of diameter D_F, d_3 "
+    "before the main lens (D, f); the microlens array (MLA, pitch d) stands d_1 behind it, the sensor (pixels q) d_2 "
+    "behind that, the focal plane d_f before the lens; H = d_f/(d_f - d_3). Other words: docs/glossary.md."
+)
+"""Symbols of all tables, explained once."""
+
+
 @dataclass(frozen=True)
 class Evaluation:
     """Everything that `roslf evaluate` says of a design. Lengths in mm, angles in rad."""
@@ -141,7 +149,7 @@ class Evaluation:
         lines += [f"⚠ {escape(warning)}" for warning in self.warnings]
         parts = [f"<h3>{escape(self.design)}</h3><ul>{''.join(f'<li>{line}</li>' for line in lines)}</ul>"]
         parts += [table.html() for table in (*answer_tables(self), *_tables(self))]
-        parts.append(f"<p>{escape(absent_effects(self))}</p><p>{escape(self.method)}</p>")
+        parts.append(f"<p>{escape(absent_effects(self))}</p><p>{escape(SYMBOLS)}</p><p>{escape(self.method)}</p>")
         return "".join(parts)
 
 
@@ -192,7 +200,7 @@ def fact_tables(result: Evaluation) -> list[Table]:
 
 def _whose(result: Evaluation) -> str:
     """Whose numbers a table has, in its title, where rays through a real lens have others."""
-    return "" if result.real_lens is None else ", of the thin twin"
+    return "" if result.real_lens is None else ", of the thin-lens model"
 
 
 def answer_tables(result: Evaluation, built: Sequence[DepthBudget] = ()) -> list[Table]:
@@ -209,7 +217,9 @@ def answer_tables(result: Evaluation, built: Sequence[DepthBudget] = ()) -> list
         rows = [(*row[:4], *more, *row[4:]) for row, more in zip(rows, told, strict=True)]
         headings = (*headings[:2], "depth, U, as drawn", "mostly of", "U as built", "mostly of", *headings[4:])
     if result.real_lens is not None:
-        counts += " Field, light and detail are of rays through the real lens, distances and depth of its thin twin."
+        counts += (
+            " Field, light and detail are of rays through the real lens, distances and depth of its thin-lens model."
+        )
     return [
         Table(result.answer.rows, "ldl", title="What it sees", widths=WIDTHS),
         Table(tuple(rows), "l" * len(headings), headings, "At its distances", f"{MEANT} {counts}"),
@@ -351,7 +361,7 @@ def budget_table(result: Evaluation) -> Table:
 def lens_table(lens: RealLens) -> Table:
     """The image behind each microlens asked for, through the real lens."""
     rows = tuple(field.cells for field in lens.fields)
-    title = "Microlens images through the real lens, against its thin twin"
+    title = "Microlens images through the real lens, against its thin-lens model"
     headings = (
         *("microlens x, y [mm]", "image", "unvignetted", "shift x, y [px]", "wider [%]"),
         *("focus tan, sag [pitches]", "distortion [%]", "colour [pitches]"),
@@ -412,7 +422,7 @@ def print_evaluation(result: Evaluation, console: Console) -> None:
     for table in _tables(result):
         print_table(table, console, least=() if table.headings else LEAST)
     console.print(plain_text(absent_effects(result), "dim"))
-    console.print(plain_text(f"\n{result.method}", "dim"))
+    console.print(plain_text(f"\n{SYMBOLS}\n\n{result.method}", "dim"))
 
 
 def _print_verdicts(verdicts: Sequence[Verdict], console: Console) -> None:

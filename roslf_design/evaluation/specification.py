@@ -379,7 +379,7 @@ def specification(
 ) -> Specification:
     """The data sheet of a design: of its straight parts, tilts left out.
 
-    Behind a real main lens rays tell where fields lie, how they are lit and how sharp; the rest is its thin twin's.
+    Behind a real main lens rays tell where fields lie, the rest is the thin lens's.
     Fields are the middle, the edge and the corner of what the sensor sees.
 
     Parameters
@@ -494,7 +494,7 @@ def _across(
 ) -> tuple[float, float, float]:
     """Sizes between the rays of the field's ends, over width, height and diagonal.
 
-    Where a real main lens does not show all of them, its thin twin's.
+    Where a real main lens does not show all of them, its thin-lens model's.
     """
     one, other = rays.reshape(4, 2, -1).swapaxes(0, 1)
     sizes = field_of_view.Across.widest(list(between(one, other)))

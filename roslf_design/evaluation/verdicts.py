@@ -173,10 +173,10 @@ def _focused(camera: Camera, array: FocusedArray) -> Verdict:
 
 
 def _traced_fill(f: Numbers, lens: RealLens) -> str:
-    """Image fill through a real lens at the first field, beside that of its thin twin; empty where none is whole."""
+    """Image fill through a real lens at the first field, beside its thin-lens model's; empty where none is whole."""
     fields = [field for field in lens.fields[:1] if field.widening_percent is not None]
     return "".join(
-        f" (thin twin; traced through {lens.lens} at {place(field.x_ml_mm, 4)} mm: "
+        f" (thin-lens model; traced through {lens.lens} at {place(field.x_ml_mm, 4)} mm: "
         f"{f.fill_factor * (1 + (field.widening_percent or 0.0) / 100):.4g})"
         for field in fields
     )
@@ -217,7 +217,7 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
     )
     by_thin = "" if thin.undistorted_in_field else _field_remedy(camera, thin)
     if lens is not None:
-        sees += " (thin twin)"
+        sees += " (thin-lens model)"
         bound = (
             f"measured through {lens.lens}, whole out to {lens.x_ml_max_mm:.4g} mm on the MLA "
             f"({lens.x0_max_mm:.4g} mm object radius; thin lens, Eq. 6: {lens.thin_x_ml_max_mm:.4g} mm)"
@@ -225,7 +225,8 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
         if lens.undistorted_in_field:
             return Verdict.of("field_undistorted", f"{UNCUT}: {bound}; {sees}")
         folded = [field.x_ml_mm for field in lens.fields if field.status == "folded"]
-        where = f"; folded at {', '.join(f'{place(x_ml)} mm' for x_ml in folded)}" if folded else ""
+        places = ", ".join(f"{place(x_ml)} mm" for x_ml in folded)
+        where = f"; folded over (a caustic of the pupil) at {places}" if folded else ""
         other = lens.turned_x_ml_max_mm
         wider = other is not None and other > lens.x_ml_max_mm
         turned = f"the other way round the lens sees whole images out to {other:.4g} mm; " if wider else ""

@@ -75,7 +75,7 @@ class _Facts(NamedTuple):
 
     @classmethod
     def of(cls, design: Design) -> _Facts:
-        """_Facts of a design, or of its thin twin."""
+        """_Facts of a design, or of its thin-lens model."""
         camera = Camera.of(design.thin_twin)
         limit = field_limit(camera)
         return cls(
@@ -93,7 +93,7 @@ def proposals(design: Design) -> tuple[Fix, ...]:
     Parameters
     ----------
     design : Design
-        Judged by its thin twin where the lens is real.
+        Judged by its thin-lens model where the lens is real.
 
     Returns
     -------

@@ -23,7 +23,7 @@ class _IdealLens:
     named_apart: ClassVar[bool] = False
     """Whether the page says which pictures are of a thin lens."""
     twin: ClassVar[str] = ""
-    """Ending of names of files with pictures of its thin twin."""
+    """Ending of names of files with pictures of its thin-lens model."""
 
     def searched(self, design: Design) -> Design:
         """The design that an optimisation starts from.
@@ -36,7 +36,7 @@ class _IdealLens:
         return design
 
     def lights(self, thin: Lights, waiting: Lights, traced: Callable[[], Lights | None]) -> Lights:
-        """Verdicts to show, of the thin twin's and traced ones; as long as those are not known, what is waited for."""
+        """Verdicts to show, the thin-lens model's and traced ones; as long as these are not known, those that wait."""
         return thin
 
 
@@ -48,13 +48,13 @@ class _RealLens(_IdealLens):
     twin = "-thin-lens"
 
     def searched(self, design: Design) -> Design:
-        """None: its thin twin is searched."""
+        """None: its thin-lens model is searched."""
         name = design.main_lens.kind.name
-        message = f"{name} is a real lens, and the search varies ideal ones; optimise its thin twin"
+        message = f"{name} is a real lens, and the search varies ideal ones; optimise its thin-lens model"
         raise InputError((Problem("main lens", message),))
 
     def lights(self, thin: Lights, waiting: Lights, traced: Callable[[], Lights | None]) -> Lights:
-        """Traced ones, or the thin twin's until they are known."""
+        """Traced ones, or the thin-lens model's until they are known."""
         known = traced()
         return [*thin, *waiting] if known is None else known
 

@@ -371,7 +371,7 @@ class Session:
         return PictureSource(design, self._evaluated, self._look, self._limits, results)
 
     def _lights(self, source: PictureSource) -> list[dict[str, str]]:
-        """Verdicts of the thin twin at once; those of the real lens once it has been traced."""
+        """Verdicts of the thin-lens model at once; those of the real lens once it has been traced."""
         # In the loop, not in a thread: compiled kernels may not be entered by two threads at once.
         return explored_lens(self.design).lights(
             lights(source.evaluation), [TRACING], lambda: self._after_a_pause(_verdicts)[1]

@@ -80,7 +80,7 @@ class PictureSource:
     """Source of pictures: a design, the view of it, and results of runs."""
 
     design: Design
-    """With an ideal lens: the pictures are of the thin twin."""
+    """With an ideal lens: the pictures are of the thin-lens model."""
     evaluate: Callable[[Design], Evaluation]
     """Evaluation of a design; one asked for before is known."""
     look: Look
@@ -331,7 +331,7 @@ TRACING = {
     "word": "not yet known",
     "title": "real lens",
     "margin": "tracing ...",
-    "text": "The verdicts are those of the thin twin; rays are being traced through the real lens.",
+    "text": "The verdicts are those of the thin-lens model; rays are being traced through the real lens.",
     "plain": "tracing rays through the real lens",
     "remedy": "",
 }

@@ -169,7 +169,7 @@ class Prescription:
 
     @property
     def clear_diameter(self) -> float:
-        """Smallest clear diameter of its surfaces [mm]: D of its thin twin."""
+        """Smallest clear diameter of its surfaces [mm]: D of its thin-lens model."""
         return 2 * min(surface.semi_diameter for surface in self.surfaces)
 
     @property

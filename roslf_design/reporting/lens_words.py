@@ -16,7 +16,7 @@ class _LensWords:
     remark = ""
     """Remark beside its focal length."""
     twin = ""
-    """Sentence on pictures of rays through its thin twin."""
+    """Sentence on pictures of rays through its thin-lens model."""
     bought = ""
     """Words for where it comes from, where that is known."""
     part = "focal length {focal_length}, {aperture}, ideal in this report"
@@ -43,15 +43,15 @@ class _RealLensWords(_LensWords):
 
     assumed = (
         "The main lens is real. Its exact rays stand under Real main lens, in the verdicts and in a data sheet's "
-        "fields and resolution; all else, tables, ray diagrams, maps and design space, is its thin twin: an ideal lens "
-        "of the same focal length and clear diameter, with distances counted from the principal planes."
+        "fields and resolution; all else, tables, ray diagrams, maps and design space, is its thin-lens model: an "
+        "ideal lens of the same focal length and clear diameter, with distances counted from the principal planes."
     )
     part = "{name}, {aperture}"
     unlit = "dark or folded"
     sheet = (
         "The main lens is real: angles and widths of view, resolution, distortion and light over the field are what "
         "rays through it show. Distances of sharpness, magnification on the axis and spreads of what builds have as a "
-        "whole are those of its thin twin.",
+        "whole are those of its thin-lens model.",
     )
     curves = (
         " Rays through the real lens show what it does to the light of a point: a view has of its aberrations what its "
@@ -63,7 +63,9 @@ class _RealLensWords(_LensWords):
     def __init__(self, lens: MainLensKind) -> None:
         super().__init__(lens)
         self.remark, self.bought = f"{lens.name}, at this wavelength", f"{lens.name}, as prescribed"
-        self.twin = f" Lens and rays are those of the thin twin; through {lens.name} they are traced further below."
+        self.twin = (
+            f" Lens and rays are those of the thin-lens model; through {lens.name} they are traced further below."
+        )
 
 
 _WORDS = {IdealMainLens: _LensWords, SheetMainLens: _LensWords, RealMainLens: _RealLensWords}

@@ -14,7 +14,15 @@ import numpy as np
 from .._arrays import Array, by_value
 from ..camera import TEMPERATURES, Camera
 from ..words import listed, number
-from .depth_error import MOST_FILL, depth_error, lengths_error, overlap_error, seen_at, temperature_error, temperatures_met
+from .depth_error import (
+    MOST_FILL,
+    depth_error,
+    lengths_error,
+    overlap_error,
+    seen_at,
+    temperature_error,
+    temperatures_met,
+)
 from .disparity_error import axial_disparity_sigmas
 from .f_number import fill_factor
 from .length_covariance import CalibratedLengths, LengthCovariance

@@ -96,18 +96,18 @@ NO_LENS_MOVES = frozenset(
         *PATHS,
     )
 )
-"""Quantities that a thin twin has as its real lens has them: of parts, or on the axis to first order."""
+"""Quantities that a thin-lens model has as its real lens has them: of parts, or on the axis to first order."""
 
 
 def thin_lens_note(designs: Iterable[Design], names: Iterable[str]) -> str:
-    """Words on the quantities that are of thin twins where lenses are real, and who tells more; empty of none."""
+    """Words on the quantities that are of thin-lens models where lenses are real, and who tells more; empty of none."""
     lenses = dict.fromkeys(lens.name for design in designs if (lens := design.main_lens.kind).mounted)
     moved = [name for name in dict.fromkeys(names) if name not in NO_LENS_MOVES]
     if not lenses or not moved:
         return ""
     return (
-        f"of the thin twin, not of rays through {listed([*lenses])}: {listed(moved)}; `roslf evaluate` traces field, "
-        "light and detail"
+        f"of the thin-lens model, not of rays through {listed([*lenses])}: {listed(moved)}; `roslf evaluate` traces "
+        "field, light and detail"
     )
 
 

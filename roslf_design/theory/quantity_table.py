@@ -34,7 +34,7 @@ class QuantityTable:
     """Unit of each column of numbers."""
     title: str = ""
     note: str = ""
-    """What of the columns is not what it seems, in words; stands under the table."""
+    """Reservation about columns, in words; stands under the table."""
 
     @property
     def headed(self) -> dict[str, NDArray[Any]]:

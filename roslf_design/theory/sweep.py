@@ -43,7 +43,7 @@ class Sweep:
     own: tuple[float, ...]
     """The design's own value at each place."""
     note: str = ""
-    """Quantities that are of the thin twin behind a real lens, in words; empty behind an ideal one."""
+    """Quantities that are of the thin-lens model behind a real lens, in words; empty behind an ideal one."""
 
     def refused(self, design: Design) -> tuple[str, ...]:
         """Reasons why points have no camera, each once: those of up to `LOOKED_AT` of them."""

@@ -187,7 +187,7 @@ class _IdealMount:
         return design.sees_discs
 
     def builds(self, camera: Camera, rest: _Asked, afresh: bool) -> IdealBuilds:
-        """Builds whose cameras, or their thin twins, are known; `rest` as `IdealBuilds` takes it."""
+        """Builds whose cameras, or their thin-lens models, are known; `rest` as `IdealBuilds` takes it."""
         return IdealBuilds(camera, self.nominal, *rest)
 
 
@@ -252,7 +252,7 @@ def builds_of(
     """Builds of a question, parameters as for `evaluate_builds`, and which of them are cameras.
 
     The others have nominal numbers, which mean nothing. `afresh` is for builds behind a real lens that are far from the
-    nominal design: each one's rays are found from its own thin twin.
+    nominal design: each one's rays are found from its own thin-lens model.
     """
     rest = question.fields, question.object_distance, calibrated, _lenslet_offsets(question, values)
     mount = _mount(question.design, values, trials)

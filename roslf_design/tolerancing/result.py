@@ -289,7 +289,7 @@ def is_counted(final: Variant, one: Requirement) -> bool:
 
 
 def of_builds(one: Requirement) -> bool:
-    """Whether a study's builds, of a real lens cameras of thin twins, tell how many of them meet a requirement."""
+    """Whether a study's builds, of a real lens thin-lens models, tell how many of them meet a requirement."""
     return one.quantity != "u_z_mm" and one.thin_twin is None
 
 
@@ -460,7 +460,7 @@ def _warnings(
             yield f"{name} is not traced behind the real lens: its formula leaves out {left_out[name]}"
     if twins := plan.of_thin_twins:
         named = ", ".join(twins)
-        yield f"of the thin twin, nominal and of each build (`roslf evaluate` traces field and detail): {named}"
+        yield f"of the thin-lens model, nominal and of each build (`roslf evaluate` traces field and detail): {named}"
     axial = [column.label for column in plan.columns if column.field is None]
     if axial and any(".tilt." in p.place and not p.place.startswith("elements.") for p in plan.draws.perturbations):
         yield f"of the whole camera, on its axis, so blind to decentres and tilts: {', '.join(axial)}"

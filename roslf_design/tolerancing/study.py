@@ -40,6 +40,7 @@ from ..evaluation.required import limits_for_study, studied
 from ..options import Options, Seed, up_to
 from ..sobol import BITS
 from ..theory.focused import focus_faults
+from ..theory.quantities import NO_LENS_MOVES
 from ..theory.quantity import finite
 from ..toml_files import StrictTable, nearest, problems_of, read_toml
 from ..units import Length, in_file, read_quantity
@@ -390,18 +391,18 @@ class TolerancePlan:
     def nominal_misses(self) -> tuple[str, ...]:
         """Labels of the limits that the nominal design itself does not hold: no tolerance mends those.
 
-        What is a thin twin's has its value, so that it is not taken for the one that rays tell.
+        What is a thin-lens model's has its value, so that it is not taken for the one that rays tell.
         """
         missed, twins = [], self.of_thin_twins
         for limit in self.limits:
             label, value = self.columns[limit.column].label, float(self.nominal[limit.column])
             if not limit.low <= value <= limit.high:
-                missed.append(f"{label} ({number(value, 4)} of the thin twin)" if label in twins else label)
+                missed.append(f"{label} ({number(value, 4)} of the thin-lens model)" if label in twins else label)
         return tuple(dict.fromkeys(missed))
 
     @property
     def of_thin_twins(self) -> tuple[str, ...]:
-        """Labels of what is told of the thin twin of a build, behind a real lens; nothing behind an ideal one."""
+        """Labels of what is told of the thin-lens model of a build, behind a real lens; nothing behind an ideal one."""
         if not self.question.design.main_lens.kind.mounted:
             return ()
         whole = (column for column in self.columns if column.field is None)

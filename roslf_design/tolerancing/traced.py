@@ -63,7 +63,7 @@ class _RealLensBuilds(NamedTuple):
     lens: LensBuilds
     mount: Mount
     thin_equivalents: dict[str, Array]
-    """Where the numbers of their thin twins differ from the nominal design's: what closed forms take."""
+    """Where the numbers of their thin-lens models differ from the nominal design's: what closed forms take."""
     sound: NDArray[np.bool_]
     """True where a build can be put together, (T,)."""
 
@@ -294,8 +294,8 @@ def _epi_slopes(
 ) -> Array:
     """Slopes between points' rays through the FAP's two ends, as a decoder has them [microlenses per pixel], (n, T).
 
-    Of points (n, 3) in the system's frame and directions of the ends (n, 1), by T builds and their thin twins; `centre`
-    takes places on the array (n, T) [mm] to the image centres believed in [px], (n, T, 2).
+    Of points (n, 3) in the system's frame and directions of the ends (n, 1), by T builds and their thin-lens models;
+    `centre` takes places on the array (n, T) [mm] to the image centres believed in [px], (n, T, 2).
     """
     cos, sin = azimuth
     fap = camera.fap.outline

@@ -168,7 +168,7 @@ def first_builds(
 ) -> tuple[IdealBuilds, NDArray[np.bool_]]:
     """A plan's first builds, adjusted where anything is, at fields or its own, and which are cameras, (builds,).
 
-    Others have nominal numbers. Behind a real main lens their `camera` is of thin twins.
+    Others have nominal numbers. Behind a real main lens their `camera` is of thin-lens models.
     """
     count = min(count, plan.chunk_trials(0))
     deviations = plan.draws.deviations(np.ascontiguousarray(plan.draws.uniforms(0, plan.chunk, 0, count)))

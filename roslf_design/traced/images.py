@@ -353,17 +353,17 @@ class _RealField(NamedTuple):
 
     images: TracedImages
     thin_centre: Array
-    """Image of the FAP's centre by the thin twin, relative to the microlens axis, (N, 2)."""
+    """Image of the FAP's centre by the thin-lens model, relative to the microlens axis, (N, 2)."""
     thin_diameter: float
     thin_outline: Array
-    """Image of the FAP's rim by the thin twin, likewise, (N, K, 2)."""
+    """Image of the FAP's rim by the thin-lens model, likewise, (N, K, 2)."""
     shift: Array
-    """Image centres against the thin twin's, (N, 2)."""
+    """Image centres against the thin-lens model's, (N, 2)."""
     widening: Array
-    """Diameter over the thin twin's, less 1, (N); of what is lit where the image is folded, nan where part of the FAP's
-    rim is out of the lens's sight."""
+    """Diameter over the thin-lens model's, less 1, (N); of what is lit where the image is folded, nan where part of the
+    FAP's rim is out of the lens's sight."""
     rim_shift: Array
-    """Farthest that a point of the FAP's rim is imaged from where the thin twin images it, (N); nan likewise."""
+    """Farthest that a point of the FAP's rim is imaged from where the thin-lens model images it, (N); nan likewise."""
     maps: _FieldMap
     lateral_colour: Array
     """Distance between the F and the C line on the array, (N); nan outside the glasses' range."""

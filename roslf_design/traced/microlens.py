@@ -117,7 +117,7 @@ class FieldRays:
 
 
 def thin_targets(camera: Camera, base: Array, offset: Array, target: Array) -> RayTargets:
-    """Targets of rays for each of T builds, found from its thin twin; builds slowest.
+    """Targets of rays for each of T builds, found from its thin-lens model; builds slowest.
 
     Parameters as of `FieldRays`.
     """
@@ -172,12 +172,12 @@ class _Ahead(NamedTuple):
 
 
 class LensImages(MicrolensImages):
-    """Microlens images of T builds behind a real lens: fields of their thin twins, with everything traced instead.
+    """Microlens images of T builds behind a real lens: fields of their thin-lens models, all traced instead.
 
     Parameters
     ----------
     camera : Camera
-        Thin twins of the builds.
+        Thin-lens models of the builds.
     fields : array_like, (F, 2)
         Microlenses, on the array [mm].
     mount : Mount

@@ -303,8 +303,8 @@ def _traceable(design: Design) -> bool:
 def microlens_rays(design: Design, axis: tuple[float, float]) -> tuple[Floats, Floats]:
     """Places on the array and image-side slopes (2, RAYS) of a microlens's rays that fill nine tenths of the FAP.
 
-    By the thin twin's formulas: through the real lens they land a little elsewhere on the FAP; the same rays for every
-    method.
+    By the thin-lens model's formulas: through the real lens they land a little elsewhere on the FAP; the same rays for
+    every method.
     """
     k = np.arange(RAYS) + 0.5
     radius, turn = 0.45 * design.D_F * np.sqrt(k / RAYS), k * math.pi * (3 - math.sqrt(5))

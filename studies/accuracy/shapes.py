@@ -342,7 +342,7 @@ def _traced(job: Job, level: int, seed: int) -> Floats:
 
 
 def thin_rays(job: Job, level: int = 0, seed: int = 0) -> Floats:
-    """Ends of the rays through the lens's thin twin: its principal planes and focal length alone."""
+    """Ends of the rays through the lens's thin-lens model: its principal planes and focal length alone."""
     design = job.design
     place, slope = microlens_rays(design, job.axis)
     height = place - slope * design.d_1

@@ -44,7 +44,7 @@ FINE = 256
 PENALTY = 10.0
 """Of a scaled violation, where a way takes no limits."""
 SURE = 6
-"""Combinations that a ranking by thin twins passes on."""
+"""Combinations that a ranking by thin-lens models passes on."""
 
 
 @dataclass(frozen=True)
@@ -260,7 +260,7 @@ def main() -> None:
         few = thin_ranking(combinations)[:SURE]
         ways: dict[str, Callable[[], tuple[roslf.Design, int]]] = {
             "each by SLSQP on batched differences": partial(enumerated, combinations, by_gradients, every),
-            f"the {SURE} best thin twins by the same": partial(enumerated, combinations, by_gradients, few),
+            f"the {SURE} best thin-lens models by the same": partial(enumerated, combinations, by_gradients, few),
             "each by COBYLA": partial(enumerated, combinations, by_simplex("LN_COBYLA"), every),
             "each by BOBYQA": partial(enumerated, combinations, by_simplex("LN_BOBYQA"), every),
             "each by Nelder and Mead's simplex": partial(enumerated, combinations, by_simplex("LN_NELDERMEAD"), every),

@@ -155,7 +155,7 @@ def field_figure(curves: dict[str, _LensCurves]) -> Figure:
 
 
 def image_figure(cases: dict[str, Design]) -> Figure:
-    """Microlens images at centre, edge and corner, each beside its thin twin."""
+    """Microlens images at centre, edge and corner, each beside its thin-lens model."""
     with drawing():
         figure = Figure(figsize=(9.6, 6.3), layout="constrained")
         panels = figure.subplots(3, len(cases), sharex=True, sharey=True)
@@ -174,7 +174,7 @@ def image_figure(cases: dict[str, Design]) -> Figure:
                     ax.set_xlabel("x [px]")
         colour = THEMES["light"].colour
         keys = [
-            Line2D([], [], color=colour("grey"), linestyle="--", label="thin twin"),
+            Line2D([], [], color=colour("grey"), linestyle="--", label="thin-lens model"),
             Line2D([], [], color=colour("blue"), label="real lens"),
         ]
         figure.legend(handles=keys, loc="outside lower center", ncols=2)

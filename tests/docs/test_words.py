@@ -21,6 +21,7 @@ RETIRED = {
     r"\b(moves|goes with) the weakest\b|\bgoes with it most\b": "sensitivity; correlation",
     r"\b(errors?|those|within|is|are|was|were)( not)? told\b(?! apart)|\btells of\b": "reported; states",
     r"\bsheets? tells?\b": "states",
+    r"\bthin twins?\b": "thin-lens model",
     r"\bFeel how\b": "interactive explorer",
 }
 """Words with the meaning for which they were retired, and what stands there now."""

@@ -349,7 +349,7 @@ def test_behind_a_real_lens_the_f_number_s_verdict_says_which_fill_is_traced():
     result = roslf.evaluate(roslf.load("paper-singlet"))
     verdict = next(one for one in result.verdicts if one.name == "f_number_matched")
     traced = result.f_number.fill_factor * (1 + result.real_lens.fields[0].widening_percent / 100)
-    assert f"(thin twin; traced through {result.real_lens.lens} at 0, 0 mm: {traced:.4g})" in verdict.text
+    assert f"(thin-lens model; traced through {result.real_lens.lens} at 0, 0 mm: {traced:.4g})" in verdict.text
 
 
 def test_a_lens_that_makes_images_smaller_narrows_them():
@@ -362,7 +362,7 @@ def test_a_lens_that_makes_images_smaller_narrows_them():
 def test_behind_a_real_lens_images_are_said_to_be_shifted_as_the_thin_twin_has_it():
     """By 12.7 px in the corner of the paper's singlet, where rays have 20."""
     texts = {one.name: one.text for one in roslf.evaluate("paper-singlet").verdicts}
-    assert re.search(r"shifted by 12\.7 px there, [^;]*\(thin twin\)$", texts["field_undistorted"])
+    assert re.search(r"shifted by 12\.7 px there, [^;]*\(thin-lens model\)$", texts["field_undistorted"])
 
 
 def test_verdicts_and_remedies(paper):

@@ -167,7 +167,7 @@ def test_a_real_lens_is_held_to_its_traced_field():
 
 
 def test_a_real_lens_gets_no_tick_by_a_number_of_its_thin_twin():
-    """Rays and thin twin apart: a limit between them is missed, and what no ray tells is met with a reservation."""
+    """Rays and thin-lens model apart: a limit between them is missed, what no ray tells is met with a reservation."""
     preset = preset_path("paper-singlet").read_text()
     place, thin = 200.0, roslf.Camera.of(loads(preset))
     twin = float(roslf.quantity("mtf50_lp_per_mm")(thin, at=place))
@@ -181,15 +181,15 @@ def test_a_real_lens_gets_no_tick_by_a_number_of_its_thin_twin():
     between = judged(f'mtf50_lp_per_mm = {{at = "200 mm", min = {(traced.usable_lp_per_mm + twin) / 2!r}}}')
     (one,), verdict = between.required, between.verdicts[0]
     assert (one.value, one.thin_twin, one.met) == (traced.usable_lp_per_mm, twin, False)
-    assert (verdict.level, "go by the thin twin, which holds it" in verdict.remedy) == ("fault", True)
-    assert f"of rays; of the thin twin, as studies count it, {number(twin, 4)} lp/mm" in verdict.text
+    assert (verdict.level, "go by the thin-lens model, which holds it" in verdict.remedy) == ("fault", True)
+    assert f"of rays; of the thin-lens model, as studies count it, {number(twin, 4)} lp/mm" in verdict.text
     build = LengthCovariance(("sensor.distance",), np.array([[1e-8]]))
     held = judged(
         'mtf50_lp_per_mm = {at = "200 mm", min = 1}\nu_z_mm = {max = "1 m"}\nfill_factor = {min = 0.1}\n'
         'outer_diameter_mm = {max = "1 m"}\nfield_half_width_mm = {min = 1}',
         build=build,
     )
-    alone = "by the thin twin alone"
+    alone = "by the thin-lens model alone"
     assert [one.only for one in held.required] == ["", alone, alone, "", ""]
     assert [verdict.level for verdict in held.verdicts[:5]] == ["good", "limit", "limit", "good", "good"]
     assert held.required[4].value == held.answer.at[0].width_mm / 2

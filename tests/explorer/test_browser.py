@@ -198,7 +198,7 @@ def test_a_preset_is_loaded_and_taken_back_and_a_real_lens_is_traced_after_a_pau
     assert title(page) == load("paper-singlet").name
     assert page.locator("[data-testid=light-tracing]").count() == 0
     assert not number(page, "f").is_editable()
-    # The lights are of the real lens; what is drawn and listed for its thin twin says so.
+    # The lights are of the real lens; what is drawn and listed for its thin-lens model says so.
     # A measurement is of the real lens, too.
     for tab, twins, cards in (("camera", 4, 4), ("depth", 5, 6), ("space", 1, 1)):
         click(page, f"#tab-{tab}")

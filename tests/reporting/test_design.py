@@ -101,11 +101,11 @@ def test_difficult_designs_have_whole_reports(name):
 def test_a_real_lens_has_its_own_section(text, without_figures):
     report = design_report(load("paper-singlet"))
     titles = [section.title for section in report.sections]
-    assert {"Real main lens", "Microlens images of the thin twin"} <= set(titles)
+    assert {"Real main lens", "Microlens images of the thin-lens model"} <= set(titles)
     page = render_html(report)
     assert "Exact rays through LA1050-A reversed" in page
-    assert "its thin twin: an ideal lens" in page
-    assert "Lens and rays are those of the thin twin" in _picture_sheet(load("paper-singlet")).caption
+    assert "its thin-lens model: an ideal lens" in page
+    assert "Lens and rays are those of the thin-lens model" in _picture_sheet(load("paper-singlet")).caption
     assert "The main lens is ideal and thin" not in page
     assert "<h2>Real main lens</h2>" in page
     assert "<h2>Real main lens</h2>" not in text

@@ -354,7 +354,7 @@ def test_a_nominal_design_s_miss_says_that_it_is_the_thin_twin_s():
         plan = plan_from({**data, "design": design})
         view, diameter = plan.nominal_misses()
         nominal = float(QUANTITIES["field_of_view_deg"](Camera.of(plan.question.design)))
-        assert view == "field_of_view_deg" + f" ({nominal:.4g} of the thin twin)" * behind
+        assert view == "field_of_view_deg" + f" ({nominal:.4g} of the thin-lens model)" * behind
         assert diameter == "outer_diameter_mm"
         assert plan.of_thin_twins == ("field_of_view_deg",) * behind
 

@@ -204,7 +204,7 @@ def test_stops_beside_a_window_bend_nothing_and_take_what_lies_outside_them():
 )
 @pytest.mark.parametrize("fap", [40.0, 115.0])
 def test_near_the_axis_images_are_the_closed_forms(elements, fap):
-    """Chief rays through microlenses ever nearer the axis lie where the thin twin's do, off by the angle's cube."""
+    """Chief rays through microlenses ever nearer the axis lie where the thin-lens model's do, to the angle's cube."""
     focus = 140.0 if elements[0] is GROUP else 250.0
     design = bench(*elements, fap=fap, lens="AC508-100-A", **{"main_lens.focal_plane": focus})
     camera, twin = camera_of(design), Camera.of(design)

@@ -128,7 +128,7 @@ def test_singlets_cost_pitches_and_percents():
 
 
 def equation_6(camera):
-    """Undistorted radius of the thin twin as the paper prints it, on the array."""
+    """Undistorted radius of the thin-lens model as the paper prints it, on the array."""
     c = thin_twin(camera)
     d_f, d_3, D_F = c["main_lens.focal_plane"], c["aperture.distance"], c["aperture.diameter"]
     return ((c.D - D_F) / d_3 - c.D / d_f) / 2 * c.f * d_f / (d_f - c.f)
@@ -362,7 +362,9 @@ def test_detail_behind_a_real_lens_is_what_waves_show():
         on_array = detail * transfer.scale(way)
         shown = waves.contrast(whole, on_array, axis) * np.abs(np.sinc(design.d * on_array))
         assert transfer(detail, "refocused", way) == pytest.approx(shown, abs=8e-3)  # Airy rings beyond the span
-    assert transfer.limits((0.5,), "view", "tangential")[0] == pytest.approx(2.15, abs=0.02)  # the thin twin's: 3.93
+    assert transfer.limits((0.5,), "view", "tangential")[0] == pytest.approx(
+        2.15, abs=0.02
+    )  # the thin-lens model's: 3.93
 
 
 def test_what_a_lens_does_not_show_is_left_out_of_its_sheet():

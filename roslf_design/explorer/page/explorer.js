@@ -353,7 +353,7 @@
 </fieldset>`,
   };
 
-  // Behind a real lens: what is drawn, or computed, for its thin twin all the same.
+  // Behind a real lens: what is drawn, or computed, for its thin-lens model all the same.
   const Twin = {
     props: ["lens"],
     template: `<span v-if="lens" class="twin" :title="'For an ideal thin lens of the same focal length and diameter. ' + lens + ' itself is traced for the verdicts above, reports and tolerance runs.'">thin lens</span>`,

@@ -480,7 +480,10 @@ def plan_blocks(
     supposed, other = "by captures alone", "A report or story knows tolerances, too, and promises no less."
     if build is not None:
         u = planned_depth(design, plan, asked).expanded_mm
-        supposed, other = "with tolerances known before", f"By captures alone, as `roslf calibrate --plan`: ± {_rounded(u)}."
+        supposed, other = (
+            "with tolerances known before",
+            f"By captures alone, as `roslf calibrate --plan`: ± {_rounded(u)}.",
+        )
     depth = planned_depth(design, plan, asked, build)
     after = _changed_depths(design, plan, build)
     best = next(iter(after), "")

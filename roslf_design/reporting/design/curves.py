@@ -385,7 +385,7 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
     Parameters
     ----------
     design : Design
-        Its decentres are left aside, and a real lens is taken as its thin twin.
+        Its decentres are left aside, and a real lens is taken as its thin-lens model.
     size : (width, height), optional
         [px].
     limits : (d_3, D_F), optional

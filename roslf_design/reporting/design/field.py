@@ -47,7 +47,7 @@ POINTS = 120
 """Places along the array's longer side."""
 LEFT, TOP, RIGHT, BELOW = 52.0, 26.0, 12.0, 42.0
 """Margins [px]."""
-TWINS = (line_key("thin twin", "grey", 1.4, "6 4"), line_key("real lens", "blue", 2))
+TWINS = (line_key("thin-lens model", "grey", 1.4, "6 4"), line_key("real lens", "blue", 2))
 """Keys of the two outlines of a microlens image behind a real lens."""
 
 _HALF = (-9.0, 0.0, 0.0, -9.0), (0.0, 9.0, 9.0, 0.0)
@@ -108,7 +108,7 @@ def field_map(design: Design, points: int = 160) -> _ArrayMap:
 def mla_map(design: Design, selected: Point | None = None, size: Point = (460, 400)) -> Picture:
     """Draw which microlens images are whole, cut or dark, and which microlens is looked at, `selected` on the MLA [mm].
 
-    A real lens is taken as its thin twin. The picture's mapping takes pixels to places on the MLA [mm].
+    A real lens is taken as its thin-lens model. The picture's mapping takes pixels to places on the MLA [mm].
     """
     thin = design.thin_twin
     fields = field_map(thin, POINTS)
@@ -241,7 +241,7 @@ class _LensCurves(NamedTuple):
     x: Array
     """Microlens [mm], shape (N,)."""
     shift_px: Array
-    """Image centre against the thin twin's, outwards positive."""
+    """Image centre against the thin-lens model's, outwards positive."""
     diameter_px: Array
     """Diameter of the disc with the image's area; NaN where the image is folded."""
     thin_diameter_px: float
@@ -289,7 +289,7 @@ def _lens_curves(design: Design, points: int = 46) -> _LensCurves:
 
 
 def lens_over_field(design: Design, curves: _LensCurves | None = None) -> Picture:
-    """Draw shift and growth of images against the thin twin's, foci and lateral colour, distortion.
+    """Draw shift and growth of images against the thin-lens model's, foci and lateral colour, distortion.
 
     `curves` are those of `_lens_curves` where they are known already.
     """
@@ -305,7 +305,7 @@ def lens_over_field(design: Design, curves: _LensCurves | None = None) -> Pictur
         ],
         ("distortion", "image height against first order [%]"): [("distortion", c.distortion, "orange", "")],
     }  # fmt: skip
-    keys = [line_key("thin twin", "grey", 1.2, "6 4")]
+    keys = [line_key("thin-lens model", "grey", 1.2, "6 4")]
     each = (PAGE / 3, 290.0)
     pictures = []
     for (title, label), lines in parts.items():
@@ -330,7 +330,7 @@ def lens_over_field(design: Design, curves: _LensCurves | None = None) -> Pictur
 
 
 def lens_images(design: Design, places: Mapping[str, Point]) -> Picture:
-    """Draw microlens images as the real lens makes them, and the thin twin's, to one scale; places on the MLA [mm]."""
+    """Draw microlens images of the real lens and of its thin-lens model to one scale; places on the MLA [mm]."""
     drawn = {label: _lens_image(design, place) for label, place in places.items()}
     reach = max(float(np.nanmax(np.abs(np.stack([mark.x, mark.y])))) for marks, _ in drawn.values() for mark in marks)
     scale, each = Scale(-1.06 * reach, 1.06 * reach), PAGE / max(len(drawn), 1)
@@ -347,7 +347,7 @@ def lens_images(design: Design, places: Mapping[str, Point]) -> Picture:
 
 
 def _lens_image(design: Design, place: Point) -> tuple[tuple[Line | Area, ...], str]:
-    """Outlines of a microlens image and its thin twin's [px] from the thin image's centre, and what became of it."""
+    """Outlines of a microlens image and its thin-lens model's [px] from the latter's centre, and its fate."""
     traced = real_field(design, [place])
     centre = traced.thin_centre[0]
     twin = (np.vstack([traced.thin_outline[0], traced.thin_outline[0, :1]]) - centre) / design.q

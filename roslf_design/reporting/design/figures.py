@@ -169,8 +169,8 @@ def lens_sheets(design: Design, result: Evaluation, lens: RealLens) -> tuple[Fig
         f"{number(lens.thin_x_ml_max_mm, 4)} mm."
     )
     beside = (
-        f"Outlines of microlens images through {lens.lens} (blue) and through its thin twin (dashed), in pixels from "
-        "the thin image's centre. Ray optics; diffraction is not drawn."
+        f"Outlines of microlens images through {lens.lens} (blue) and through its thin-lens model (dashed), in pixels "
+        "from the thin image's centre. Ray optics; diffraction is not drawn."
     )
     places = {label: field.x_ml_mm for label, field in zip(PLACES, result.fields, strict=True)}
     return (

@@ -198,5 +198,5 @@ def _lines(name: str, lines: Sequence[Array], colour: str, width: float) -> Body
 
 
 def scene(design: Design, theme: ThemeName = "light") -> BrowserScene:
-    """Bore, stops, lens (a real one as its thin twin), array, sensor and rays of three microlenses, for vtk.js."""
+    """Bore, stops, lens (real: its thin-lens model), array, sensor and rays of three microlenses, for vtk.js."""
     return browser_scene(instrument_scene(design.thin_twin), theme, RAYS)

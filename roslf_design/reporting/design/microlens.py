@@ -145,7 +145,7 @@ def microlens_image(
     Parameters
     ----------
     design : Design
-        A real lens is taken as its thin twin; tilts of FAP, main lens, array and sensor are left out.
+        A real lens is taken as its thin-lens model; tilts of FAP, main lens, array and sensor are left out.
     place : (x, y)
         On the MLA [mm]; the nearest microlens is shown.
     size : (width, height)

@@ -140,7 +140,7 @@ def design_report(
     figures = _design_figures(design, result, known, progress)
     progress("sections")
     answers = Statements((*verdicts(result).items, *(one.statement for one in studied if one.statement)))
-    twin = "" if result.real_lens is None else " of the thin twin"
+    twin = "" if result.real_lens is None else " of the thin-lens model"
     space = ("plane", "depth") if result.has_views else ("plane",)
     parameters = Table(tuple(parameter_rows(design)), "lldl", ("symbol", "what", "value", ""))
     progress("data sheet")
@@ -360,7 +360,7 @@ def _stops(design: Design) -> Iterator[Table]:
 
 
 def _real_lens(design: Design, result: Evaluation, progress: CountedProgress) -> tuple[Section, ...]:
-    """Section on the traced lens, its thin twin beside it; nothing for an ideal one."""
+    """Section on the traced lens, its thin-lens model beside it; nothing for an ideal one."""
     if (lens := result.real_lens) is None:
         return ()
     progress("real main lens")

@@ -105,7 +105,7 @@ def meridional(
     Parameters
     ----------
     design : Design
-        A real lens is drawn as its thin twin.
+        A real lens is drawn as its thin-lens model.
     size : (width, height)
         [px].
     whole : bool, optional

@@ -510,7 +510,7 @@ def basis(
     sheet, sentences = specification(design, at, shown, budget), []
     budgets = {far: budget(far) for far in (None, *at)}
     required = requirements(shown, camera, budget)
-    traced = design.lens is not None  # whose builds are cameras of thin twins
+    traced = design.lens is not None  # whose builds are cameras of thin-lens models
     judged = () if built is None else tuple(built.judged(one) for one in required)
     lines = tuple(_lines(shown, sheet, budgets, judged or required, traced))
     rows = tuple(line for line in lines if sheet.has_views or not line.of_views)

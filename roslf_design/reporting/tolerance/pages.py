@@ -393,7 +393,7 @@ def _quantiles(result: StudyResult, shown: set[str]) -> Table:
             "Undefined trials count as failures; quantiles rank them worst, mean and spread are then not stated."
         ]
     if twins := [label for label in result.plan.of_thin_twins if label in shown]:
-        caption += [f"Of the thin twin, nominal, too, not of rays: {in_words(', '.join(twins))}."]
+        caption += [f"Of the thin-lens model, nominal, too, not of rays: {in_words(', '.join(twins))}."]
     if any(column.infinite for column in final):
         caption += ["What is infinite ranks above all; mean and spread are then not stated."]
     quantiles = (f"{100 * probabilities[index]:.4g} %" for index in places)
