@@ -137,6 +137,11 @@ def length(value: float) -> str:
     return f"{text} mm" if abs(value) >= 0.1 or text == "0" else f"{1e3 * value:.5g} um"
 
 
+def uncertainty(value: float, digits: int = 5, sign: str = "") -> str:
+    """An uncertainty [mm] with a sign before it: "none" where it is infinite, for there nothing is known."""
+    return f"{sign}{number(value, digits)} mm" if math.isfinite(value) else "none"
+
+
 def angle(value: float) -> str:
     """An angle [rad] to three digits: milliradians, from 1 rad on degrees."""
     return f"{1e3 * value:.3g} mrad" if abs(value) < 0.9995 else f"{math.degrees(value):.3g} deg"

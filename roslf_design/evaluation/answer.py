@@ -21,7 +21,7 @@ from ..theory.light import outer_slope
 from ..theory.limits import limits
 from ..theory.quantities import QUANTITIES
 from ..traced.fields import images_of
-from ..words import listed, number
+from ..words import listed, number, uncertainty
 from .specification import (
     ASKED,
     FOCUS,
@@ -63,11 +63,8 @@ class _AtDistance:
         field = f"{number(self.width_mm, 3)} x {number(self.height_mm, 3)} mm"
         if self.expanded_mm is None:
             return where, field, "-", "-", "-"
-        depth = (
-            (f"± {number(self.expanded_mm, 2)} mm", self.mostly)
-            if math.isfinite(self.expanded_mm)
-            else ("none", self.mostly if self.mostly == OVERLAP else "")
-        )
+        told = math.isfinite(self.expanded_mm) or self.mostly == OVERLAP
+        depth = uncertainty(self.expanded_mm, 2, "± "), self.mostly if told else ""
         if self.usable_lp_per_mm is None:
             return where, field, *depth, "none"
         return where, field, *depth, f"{number(self.usable_lp_per_mm, 3)} lp/mm"

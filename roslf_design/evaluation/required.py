@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,6 +17,7 @@ from .._arrays import Array
 from ..bore.part import TEMPERATURE
 from ..camera import Camera
 from ..design import Design, preset_names
+from ..design.required import Required
 from ..errors import InputError, Problem
 from ..lenses.glass import ROOM
 from ..theory import tube
@@ -24,7 +26,7 @@ from ..theory.focused import has_views
 from ..theory.length_covariance import LengthCovariance
 from ..theory.limits import as_design, limits
 from ..theory.quantities import NO_LENS_MOVES, quantity_named
-from ..words import number
+from ..words import number, uncertainty
 from .groups import Verdict
 from .remedies import reaching
 from .specification import ASKED, FieldImages, FieldOfView, ObjectField, resolved
@@ -41,6 +43,10 @@ AS_BUILT = (
     "datasheet`) tell it with them"
 )
 """Remedy of a depth that is held by the lengths as drawn alone."""
+
+
+STEPS = ("nm", "um", "mm", "m")
+"""Units of length, each a thousand times the one before."""
 
 
 @dataclass(frozen=True)
@@ -90,11 +96,13 @@ class Requirement:
 
     def expanded(self, value: float | None) -> str:
         """Expanded uncertainty, which tables show, of a value that is a standard uncertainty; empty of any other."""
-        if value is None or self.quantity != "u_z_mm":
+        if value is None or math.isinf(value) or self.quantity != "u_z_mm":
             return ""
         return f"U = {self._with_unit(COVERAGE * value)}"
 
     def _with_unit(self, value: float) -> str:
+        if self.quantity in ("u_z_mm", "sigma_z_mm"):
+            return uncertainty(value, 4)
         return f"{number(value, 4)} {self.unit}".rstrip()
 
     @property
@@ -185,6 +193,8 @@ def requirements(
             remedy = f"{alone}; {WAYS}" if alone else ""
         elif met and quantity.name == "working_distance_mm" and low is not None and high is not None:
             only, remedy = _of_the_focal_plane(camera, low, high)
+        if not met and not undefined:
+            remedy = "; ".join(filter(None, (_slip_of_unit(asked, low, high, value, quantity.unit), remedy)))
         twin = None if value == closed or not lens.mounted or math.isnan(closed) else closed
         if twin is not None:
             of_twin = f"of rays; of the thin-lens model, as studies count it, {number(twin, 4)} {quantity.unit}"
@@ -238,6 +248,19 @@ def _of_rays(shown: FieldImages, name: str, at: float | None) -> float | None:
         found = getattr(resolved(shown.images, 0, (ASKED, plane), "refocused"), name)
         value = math.nan if found is None else found
     return value
+
+
+def _slip_of_unit(asked: Required, low: float | None, high: float | None, value: float, unit: str) -> str:
+    """Question about a limit's unit, where the next one is about a thousand times nearer to what the design has."""
+    text, limit = (asked.max, high) if high is not None and value > high else (asked.min, low)
+    typed = next((one for one in STEPS if re.fullmatch(rf"[\d.e+-]+\s*{one}", str(text))), None)
+    if typed is None or not limit or not 0 < value < math.inf:
+        return ""
+    steps = math.log10(value / limit) / 3
+    meant = STEPS.index(typed) + round(steps)
+    if not 0.75 <= abs(steps) <= 1.25 or not 0 <= meant < len(STEPS):
+        return ""
+    return f"{text}: did you mean {STEPS[meant]}? the design has {number(value, 3)} {unit}"
 
 
 def _of_depth(budget: DepthBudget, most: float) -> str:

@@ -18,7 +18,7 @@ from ..theory.depth_budget import COVERAGE, KINDS, BudgetTerm, DepthBudget
 from ..theory.focused import FocusedArray
 from ..theory.quantities import QUANTITIES, quantity_named
 from ..theory.quantity import Quantity
-from ..words import fixed, number, place, spaced
+from ..words import fixed, number, place, spaced, uncertainty
 from .answer import DISTANCES, MEANT, FirstAnswer
 from .groups import DepthAssumptions, Field, LookedThrough, Numbers, RealLens, Temperatures, Verdict
 from .required import Requirement
@@ -213,7 +213,7 @@ def answer_tables(result: Evaluation, built: Sequence[DepthBudget] = ()) -> list
     counts = f"U is {result.depth_budget.counted}."
     if built:
         counts = f"As drawn, {counts} As built, and in the working range, it counts a first look's tolerances, too."
-        told = [(f"± {number(float(one.expanded_mm), 2)} mm", one.largest.name) for one in built]
+        told = [(uncertainty(float(one.expanded_mm), 2, "± "), one.largest.name) for one in built]
         rows = [(*row[:4], *more, *row[4:]) for row, more in zip(rows, told, strict=True)]
         headings = (*headings[:2], "depth, U, as drawn", "mostly of", "U as built", "mostly of", *headings[4:])
     if result.real_lens is not None:
@@ -230,7 +230,7 @@ def depth_facts(result: Evaluation) -> list[tuple[str, str, str]]:
     """Depth noise and depth expected, and what they are told for: name, value, remark."""
     assumed = result.depth.assumes
     budget = result.depth_budget
-    expected = f"{number(float(budget.u_z_mm))} mm"
+    expected = uncertainty(float(budget.u_z_mm))
     told = ("depth, expected", expected, f"1 sigma, of all that is known; most of it {budget.largest.name}")
     return [*_facts(result, "depth"), *(() if assumed is None else assumed.facts), told]
 
@@ -268,7 +268,7 @@ def depth_budget_tables(result: Evaluation) -> list[Table]:
         if u is None:
             return (name, "-", "-", *rest)
         share = f"{100 * float(u / total) ** 2:.0f} %" if 0 < total < math.inf else "-"
-        return (name, f"{number(float(u), 3)} mm", share, *rest)
+        return (name, uncertainty(float(u), 3), share, *rest)
 
     def line(term: BudgetTerm) -> tuple[str, ...]:
         return cells(term.name, term.u_mm, term.type, term.kind, term.remark)
@@ -280,7 +280,7 @@ def depth_budget_tables(result: Evaluation) -> list[Table]:
         cells(f"all {kind}", budget.of_kind(kind) if kind in known else None, "", "", words[kind]) for kind in KINDS
     ]
     rows.append(cells("together, u", total, "", "", f"largest: {budget.largest.name}"))
-    rows.append(("expanded, U", f"{number(float(budget.expanded_mm), 3)} mm", "", "", "", f"k = {COVERAGE}"))
+    rows.append(("expanded, U", uncertainty(float(budget.expanded_mm), 3), "", "", "", f"k = {COVERAGE}"))
     headings = ("source", "u", "of u²", "type", "", "")
     return [Table(tuple(rows), "ldllll", headings, "Depth, expected, at the focal plane")]
 

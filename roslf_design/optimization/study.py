@@ -29,7 +29,7 @@ from ..lenses.prescription import Prescription
 from ..progress import silent
 from ..tables import BriefValue
 from ..theory.focused import focus_faults
-from ..theory.quantity import Quantity
+from ..theory.quantity import FEASIBLE, Quantity
 from ..toml_files import StrictTable, nearest, problems_of, read_toml
 from ..units import Length
 from ..words import number
@@ -39,7 +39,7 @@ from .front import Front, ParetoTable, pareto_front
 from .goals import Constraint, Goal
 from .lens_variables import lens_faults, places_that_vary, varies_lens
 from .parts import given_by, load_catalogue
-from .problem import DesignProblem, titled
+from .problem import DesignProblem, sobol_units, titled
 from .ranking import Ranking, rank
 from .robust import Robust, RobustTable, maximise_robustness, scatter_of
 from .solve import Answer, Settings, SolverTable, Tell, optimum_accuracy, solve
@@ -50,6 +50,8 @@ from .variables import NUMBERS, NumberVariable, Variable, lengths_and_numbers, n
 SCHEMA = "roslf.optimization/1"
 DIVERGES = re.compile(r"elements\.\d+\.focal_length|main_lens\.surfaces\.\d+\.radius")
 """Places that are below 0 of what diverges."""
+FIXED_POINTS = 32
+"""Points of the bounds, beside two corners, at which a value that nothing varies is told from others."""
 
 
 class StudyTable(StrictTable):
@@ -165,6 +167,32 @@ class StudyTable(StrictTable):
                 words = "with a lens from it, d_f and d_1 cannot both vary; drop one of them"
                 yield Problem("catalogue", words)
 
+    def fixed_faults(self, problem: DesignProblem) -> Iterator[Problem]:
+        """Limits that are missed by as much at points all over the bounds: nothing that varies changes their values.
+
+        Not where parts or a bore stand for the design's own numbers, nor of single microlenses, which take rays.
+        """
+        if self.catalogue is not None or self.rims:
+            return
+        units = np.vstack([np.zeros(problem.n), np.ones(problem.n), sobol_units(problem.n, FIXED_POINTS, 0)])
+        with np.errstate(all="ignore"):  # of points that are no cameras
+            cameras = problem.cameras(units)
+            for key, limit in self._limits(problem.design).items():
+                if limit.field is not None:
+                    continue
+                values = np.broadcast_to(limit.values(cameras), len(units))[np.broadcast_to(cameras.valid, len(units))]
+                fixed = values.size > 1 and np.ptp(values) <= FEASIBLE * abs(values[0])
+                if not fixed or limit.quantity.within(limit.min, limit.max, values[0]):
+                    continue
+                symbol = limit.quantity.name
+                stands = f"{PATHS[symbol]} of {problem.design.name}" if symbol in PATHS else problem.design.name
+                yield Problem(
+                    key,
+                    f"{limit} is missed before any search: {stands} gives {limit.with_unit(float(values[0]))}, and "
+                    f"nothing that varies ({', '.join(self.variables)}) changes it; let vary what does, change the "
+                    "design or the limit",
+                )
+
     def _faults_behind(self, design: Design, lens: Prescription) -> Iterator[Problem]:
         """Faults of a study with a real main lens."""
         places = {PATHS.get(name, name) for name in self.variables}
@@ -274,7 +302,10 @@ def read_study(
     if table.wavelength is not None:
         design = design.replace(wavelength=table.wavelength)
     settings = Settings(seed=table.seed if seed is None else seed, **table.solver.model_dump())
-    return OptimizeStudy(table.posed(design), settings, table, folder)
+    problem = table.posed(design)
+    if faults := list(table.fixed_faults(problem)):
+        raise InputError(tuple(faults), origin)
+    return OptimizeStudy(problem, settings, table, folder)
 
 
 @by_value

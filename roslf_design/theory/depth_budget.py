@@ -13,7 +13,7 @@ import numpy as np
 
 from .._arrays import Array, by_value
 from ..camera import TEMPERATURES, Camera
-from ..words import listed, number
+from ..words import listed, uncertainty
 from .depth_error import (
     MOST_FILL,
     depth_error,
@@ -103,7 +103,7 @@ class DepthBudget:
     @property
     def words(self) -> str:
         """The combined standard uncertainty and its largest term, of one build."""
-        return f"u = {number(float(self.u_z_mm), 3)} mm, mostly {self.largest.name}"
+        return f"u = {uncertainty(float(self.u_z_mm), 3)}, mostly {self.largest.name}"
 
     @property
     def left_out(self) -> str:
@@ -139,6 +139,7 @@ class DepthBudget:
             "u_z_mm": float(self.u_z_mm),
             "expanded_mm": float(self.expanded_mm),
             "k": COVERAGE,
+            "lengths": self.lengths,
             "calibrated_at_degc": None if self.calibrated_at_degc is None else float(self.calibrated_at_degc),
             "terms": [term.to_dict() for term in self.terms],
         }

@@ -27,7 +27,7 @@ from ..theory.depth_budget import DepthBudget, depth_budget
 from ..theory.focused import is_focused
 from ..theory.length_covariance import LengthCovariance
 from ..theory.quantities import QUANTITIES, bound_note
-from ..words import listed, number
+from ..words import listed, number, uncertainty
 from .budgets import ToleranceBudget, budget
 from .draws import Perturbation
 from .metrics import Column, mount_of
@@ -419,8 +419,8 @@ def depth_left_out(design: Design, goals: Sequence[tuple[str, float | None]], bu
     camera, whole = Camera.of(design), {}
     for at in dict.fromkeys(at for _, at in goals):
         where = "in the focal plane" if at is None else f"at {number(at, 4)} mm"
-        whole[where] = number(float(depth_budget(camera, at, build=built).u_z_mm), 3)
-    told = listed([f"{u} mm {where}" for where, u in whole.items()])
+        whole[where] = uncertainty(float(depth_budget(camera, at, build=built).u_z_mm), 3)
+    told = listed([f"{u} {where}" for where, u in whole.items()])
     limited = listed(list(dict.fromkeys(name for name, _ in goals)))
     return (
         f"Lengths as built are left out of {limited}: each build's own are taken as known. With them, of a camera that "

@@ -10,8 +10,9 @@ from roslf_design.design import DesignError, dumps, loads
 from roslf_design.design.files import preset_path
 from roslf_design.errors import InputError
 from roslf_design.evaluation.evaluate import held_as_built
-from roslf_design.evaluation.required import AS_BUILT
-from roslf_design.reporting.sheet.lines import basis
+from roslf_design.evaluation.required import AS_BUILT, required_of
+from roslf_design.evaluation.result import answer_tables, depth_budget_tables
+from roslf_design.reporting.sheet.lines import basis, datasheet_json
 from roslf_design.theory.length_covariance import LengthCovariance
 from roslf_design.units import parse_quantity
 from roslf_design.words import number
@@ -285,3 +286,48 @@ def test_limits_are_judged_in_the_same_run_as_the_design_s_own_faults(tmp_path):
         "required.field_of_view", "required.u_z_mm.max", "required.fill_factor",
     }  # fmt: skip
     assert str(tmp_path / "bad.toml") in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "limits", "said"),
+    [
+        ("working_distance_mm", {"min": "200 m"}, "200 m: did you mean mm? the design has 230 mm"),
+        ("u_z_mm", {"max": "0.1 um"}, "0.1 um: did you mean mm? the design has 0.126 mm"),
+        ("u_z_mm", {"max": "0.01 mm"}, ""),
+        ("working_distance_mm", {"min": "1 m"}, ""),
+        ("fill_factor", {"min": 1000}, ""),
+    ],
+)
+def test_a_slip_of_units_is_asked_about(name, limits, said):
+    (one,) = required_of(roslf.load("paper").replace({"required": {name: limits}}))
+    assert not one.met
+    assert one.remedy.startswith(said)
+    assert bool(said) == ("did you mean" in one.remedy)
+
+
+def test_no_depth_is_one_word_in_evaluation_and_sheet():
+    design = roslf.load("mismatched-borescope").replace({"required": {"u_z_mm": {"max": "1 mm"}}})
+    (one,) = required_of(design)
+    assert one.verdict.text.startswith("not as required: depth, expected, u_Z is none (of ")
+    result = roslf.evaluate(design)
+    tables = [*answer_tables(result), *depth_budget_tables(result)]
+    assert "∞ mm" not in " ".join(cell for table in tables for row in table.rows for cell in row[:2])
+    data = datasheet_json(basis(design))
+    depths = {
+        line["name"]: line["text"] for line in data["lines"] if line["subject"] in ("Depth, expected", "Required")
+    }
+    assert depths[one.label] == "none"
+    assert "∞" not in " ".join(depths.values())
+    drawn, *others = data["depth_by_lengths"]
+    assert (drawn["lengths"], drawn["u_z_mm"], drawn["expanded_mm"]) == ("as drawn", None, None)
+    assert [row["lengths"] for row in others] == ["as built", "as calibrated"]
+
+
+def test_the_sheet_s_answers_by_lengths_are_in_its_json():
+    paper = roslf.load("paper")
+    drawn, built, calibrated = datasheet_json(basis(paper))["depth_by_lengths"]
+    expected = roslf.evaluate(paper).depth.expected
+    assert expected["lengths"] == "as drawn"
+    assert [drawn["u_z_mm"], drawn["expanded_mm"]] == [expected["u_z_mm"], expected["expanded_mm"]]
+    assert built["u_z_mm"] is calibrated["u_z_mm"] is None
+    assert "tolerance study" in built["remark"]

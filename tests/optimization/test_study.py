@@ -128,6 +128,19 @@ def test_where_bought_parts_do_better_the_answer_says_so(capsys, tmp_path):
     assert sigma[1] < sigma[0]
 
 
+def test_a_limit_that_nothing_varies_is_refused_before_any_search(capsys, tmp_path):
+    """It was searched for to the end, and the answer was that it cannot be."""
+    more = "[[constraints]]\nquantity = 'q'\nmax = '1 um'\n[[constraints]]\nquantity = 'airy_radius_px'\nmin = 1e3\n"
+    code, out, err = run(capsys, "optimize", study(tmp_path, GOOD + more), "-o", tmp_path / "out")
+    assert (code, out) == (2, "")
+    (first,) = err.splitlines()  # the Airy disc is d_2's, which varies
+    assert re.search(
+        r"constraints\.\d: q <= 0\.001 mm is missed before any search: sensor\.pixel of .* gives 0\.0048", first
+    )
+    assert "nothing that varies (" in first
+    assert not (tmp_path / "out").exists()
+
+
 def test_an_impossible_study_exits_0_and_says_so(capsys, tmp_path):
     text = GOOD.replace(
         "min = 0.98",

@@ -43,6 +43,18 @@ def test_a_file_is_not_written_over_unless_asked(swept, tmp_path):
     assert [one.name for one in tmp_path.iterdir()] == ["sweep.csv"]
 
 
+def test_columns_of_the_thin_lens_are_marked_behind_a_real_one():
+    """A field of view by sweep was the thin lens's beside the one that `evaluate` traces, and nothing said so."""
+    swept = roslf.sweep("paper-singlet", {"d_3": [100.0, 120.0]}, ["field_of_view_deg", "working_distance_mm"])
+    told = "thin-lens model, not of rays through LA1050-A reversed: field_of_view_deg; `roslf evaluate` traces"
+    assert told in str(swept)
+    assert "not of rays through LA1050-A" in swept._repr_html_()
+    assert swept.to_pandas().attrs["note"] == swept.note
+    assert told in str(roslf.evaluate_many(["paper", "paper-singlet"], ["field_of_view_deg"]))
+    assert not roslf.sweep("paper-singlet", {"d_3": [100.0]}, ["working_distance_mm"]).note
+    assert not roslf.sweep("paper", {"d_3": [100.0]}, ["field_of_view_deg"]).note
+
+
 def test_html_has_every_number_and_no_markup_of_a_name():
     swept = roslf.sweep("paper", {"d_3": [0.0, 120.0]}, ["fill_factor"])
     page = swept._repr_html_()

@@ -16,7 +16,7 @@ from ...evaluation import default_fields
 from ...evaluation.result import depth_basis
 from ...imaging.transfer import encircled
 from ...lenses.glass import ROOM
-from ...words import number, spaced, the
+from ...words import number, spaced, the, uncertainty
 from ..blocks import Figure
 from ..lens_words import lens_words
 from .curves import DRAWN, KnownLengths, counted_lengths, depth_precision, matching_plane
@@ -199,7 +199,7 @@ def depth_figure(design: Design, known: KnownLengths = DRAWN, more: str = "", ta
     """Depth, expected, and its bound over distance, in a picture so tall [px]; `more` is said of them."""
     budget = known.budget(Camera.of(design), None)
     caption = (
-        f"Depth, expected, 1 σ, {counted_lengths(budget)}: {number(float(budget.u_z_mm), 3)} mm at the focal plane, "
+        f"Depth, expected, 1 σ, {counted_lengths(budget)}: {uncertainty(float(budget.u_z_mm), 3)} at the focal plane, "
         "which a measurement is to be believed to, and below it the bound, over the working range and all distances "
         f"that the design requires something at.{more}"
     )

@@ -32,9 +32,10 @@ from ...evaluation.specification import (
 )
 from ...evaluation.verdicts import lit
 from ...evaluation.working_range import RULE, WorkingRange
+from ...json_data import plain
 from ...tables import csv_bytes
 from ...theory.colours import GREEN
-from ...theory.depth_budget import COVERAGE, depth_budget
+from ...theory.depth_budget import COVERAGE, DepthBudget, depth_budget
 from ...theory.field_of_view import focus_ahead
 from ...theory.photometry import through_filter
 from ...theory.quantities import QUANTITIES
@@ -329,7 +330,7 @@ def _required_lines(required: Iterable[Requirement]) -> Iterator[_SheetLine]:
             of, own = partial(_at_distance, QUANTITIES[one.quantity], one.at_mm, 1.0), ""
         mark = f"{MARKS['limit']} " if one.met and one.only else ""
         told = [f"{mark}{one.outcome}: {one.both_limits}", one.expanded(one.value), one.counts]
-        text = "none" if one.value is None else ""
+        text = "" if one.value is not None and math.isfinite(one.value) else one.value_words
         yield _SheetLine(REQUIRED, one.label, one.value, one.unit, "; ".join(filter(None, told)), own, text, of)
 
 
@@ -566,8 +567,8 @@ def _spread(line: _SheetLine, sigma: Mapping[str, float]) -> str:
     return f"±\N{NO-BREAK SPACE}{number(grown * SIGMAS * sigma[line.key], 2, 1e-6 * abs(grown * (line.value or 0.0)))}"
 
 
-def _answers(grounds: SpreadSources) -> Iterator[_SheetLine]:
-    """Depth, expected, by how lengths are taken: each with when to quote it, or what tells it."""
+def _depths_by_lengths(grounds: SpreadSources) -> Iterator[tuple[str, DepthBudget | None, str]]:
+    """Depth, expected, by how lengths are taken: each with when to quote it, or what tells it where it is not known."""
     camera, known = Camera.of(grounds.design), grounds.known
     looked = grounds.build is None and grounds.looked is not None
     of_uncalibrated = "quote it of cameras that nobody calibrates"
@@ -587,8 +588,15 @@ def _answers(grounds: SpreadSources) -> Iterator[_SheetLine]:
             "not known here: `--calibration`, of one made or planned, tells it",
         ),
     ):
-        text, value = ("", float(budget.expanded_mm)) if budget is not None else (NONE, None)
-        yield _SheetLine(EXPECTED, f"U, lengths {lengths}", value, "mm", tells if budget is None else quote, "", text)
+        yield lengths, budget, tells if budget is None else quote
+
+
+def _answers(grounds: SpreadSources) -> Iterator[_SheetLine]:
+    """Lines on depth, expected, by how lengths are taken."""
+    for lengths, budget, remark in _depths_by_lengths(grounds):
+        value = None if budget is None else float(budget.expanded_mm)
+        text = NONE if value is None else "" if math.isfinite(value) else "none"
+        yield _SheetLine(EXPECTED, f"U, lengths {lengths}", value, "mm", remark, "", text)
 
 
 def datasheet_section(grounds: SpreadSources) -> Section:
@@ -704,7 +712,16 @@ def datasheet_json(grounds: SpreadSources, revision: str = NONE) -> dict[str, An
         "revision": revision,
         "basis": grounds.words,
     }
-    return {**head, "lines": rows, "specification": grounds.sheet.to_dict()}
+    depths = [
+        {
+            "lengths": lengths,
+            "u_z_mm": None if budget is None else plain(float(budget.u_z_mm)),
+            "expanded_mm": None if budget is None else plain(float(budget.expanded_mm)),
+            "remark": remark,
+        }
+        for lengths, budget, remark in (_depths_by_lengths(grounds) if grounds.sheet.has_views else ())
+    ]
+    return {**head, "lines": rows, "depth_by_lengths": depths, "specification": grounds.sheet.to_dict()}
 
 
 def datasheet_csv(grounds: SpreadSources) -> bytes:
