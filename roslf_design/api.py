@@ -5,10 +5,12 @@ Each takes a design, the name of a preset or the path of a file, prints nothing 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import NoneType
 from typing import Any
 
 from .bench.acceptance import PLACED, RESULT, Acceptance, accepted, built_lengths
@@ -25,6 +27,7 @@ from .depth.measure import Trial, simulate
 from .depth.pictures import PictureOptions
 from .design import Design
 from .drawing.picture import Picture
+from .errors import expect, path_of
 from .imaging.render import RawImage
 from .imaging.render import render as render_image
 from .optimization.study import Result, load_study
@@ -46,9 +49,17 @@ from .tolerancing.run import tally_chunk
 from .tolerancing.study import RunOptions
 from .tolerancing.tally import merged
 
+STUDY = 'a study file, which names its design: design = "mine.toml"'
+PICTURES = "a raw image, or of decoded views"
+CAPTURES = "a folder of captures"
+BENCH = "a folder that `roslf bench` wrote"
+
 
 def _scene(scene: Scene | str | Path | None) -> Scene | None:
-    return load_scene(scene) if isinstance(scene, (str, Path)) else scene
+    if isinstance(scene, (str, os.PathLike)):
+        return load_scene(scene)
+    expect(scene, "scene", (Scene, NoneType), "a Scene, the path of a scene file, or None")
+    return scene
 
 
 def quantity(name: str) -> Quantity:
@@ -184,7 +195,7 @@ def capture_depth(image: str | Path, **options: Any) -> MeasuredCapture:
     >>> found = roslf.capture_depth("raw.tif", white="white.tif", design="paper")  # doctest: +SKIP
     >>> found.first.depth  # doctest: +SKIP
     """
-    return captured(Path(image), CaptureOptions.of(**options))
+    return captured(path_of(image, "image", PICTURES), CaptureOptions.of(**options))
 
 
 def tolerance(study: str | Path, *, trials: int | None = None, seed: int | None = None) -> StudyResult:
@@ -213,7 +224,7 @@ def tolerance(study: str | Path, *, trials: int | None = None, seed: int | None 
     >>> result = roslf.tolerance("studies/tolerance-scope/study.toml", trials=1024)  # doctest: +SKIP
     >>> result.final.result.value  # doctest: +SKIP
     """
-    plan, description, grades = RunOptions.of(trials=trials, seed=seed).plan(study)
+    plan, description, grades = RunOptions.of(trials=trials, seed=seed).plan(path_of(study, "study", STUDY))
     return analyse(plan, description, grades, merged(tally_chunk(plan, index) for index in range(plan.chunks)))
 
 
@@ -241,7 +252,7 @@ def optimize(study: str | Path) -> Result:
     >>> import roslf_design as roslf
     >>> result = roslf.optimize("studies/optimize-rigid-scope/study.toml")  # doctest: +SKIP
     """
-    return run_study(load_study(study))
+    return run_study(load_study(path_of(study, "study", STUDY)))
 
 
 def calibrate(folder: str | Path, design: Design | str | Path, board: str, **options: Any) -> Outcome:
@@ -270,7 +281,9 @@ def calibrate(folder: str | Path, design: Design | str | Path, board: str, **opt
     >>> import roslf_design as roslf
     >>> outcome = roslf.calibrate("captures", "paper", "4x5 6 mm")  # doctest: +SKIP
     """
-    return calibrated(Path(folder), as_design(design), CalibrateOptions.of(board=board, **options))
+    return calibrated(
+        path_of(folder, "folder", CAPTURES), as_design(design), CalibrateOptions.of(board=board, **options)
+    )
 
 
 def bench_check(folder: str | Path) -> BenchCheck:
@@ -291,7 +304,7 @@ def bench_check(folder: str | Path) -> BenchCheck:
     >>> import roslf_design as roslf
     >>> roslf.bench_check("out/bench").faults  # doctest: +SKIP
     """
-    return checked(read_bench(Path(folder)))
+    return checked(read_bench(path_of(folder, "folder", BENCH)))
 
 
 def bench_report(folder: str | Path, *, tolerances: str | Path | None = None, placed: float = PLACED) -> Acceptance:
@@ -317,8 +330,8 @@ def bench_report(folder: str | Path, *, tolerances: str | Path | None = None, pl
     >>> result = roslf.bench_report("out/bench", placed=0.001)  # doctest: +SKIP
     >>> [(line.name, line.value, line.expanded, line.verdict) for line in result.lines]  # doctest: +SKIP
     """
-    bench = read_bench(Path(folder))
-    build = None if tolerances is None else built_lengths(Path(tolerances))
+    bench = read_bench(path_of(folder, "folder", BENCH))
+    build = None if tolerances is None else built_lengths(path_of(tolerances, "tolerances", STUDY))
     there = bench.calibration / RESULT
     with TemporaryDirectory() as place:
         made = Path(place)
@@ -357,7 +370,7 @@ def decode(image: str | Path, white: str | Path | None = None, **options: Any) -
     >>> import roslf_design as roslf
     >>> roslf.decode("raw.tif", "white.tif", design="paper").field  # doctest: +SKIP
     """
-    return decoded(Path(image), DecodeOptions.of(white=white, **options))
+    return decoded(path_of(image, "image", PICTURES), DecodeOptions.of(white=white, **options))
 
 
 def report(subject: Design | str | Path | Trial | MeasuredCapture | Decoded | Outcome | Result | StudyResult) -> Report:
@@ -389,6 +402,8 @@ def report(subject: Design | str | Path | Trial | MeasuredCapture | Decoded | Ou
         case Outcome():
             page = calibration_report(subject, _drawings(calibration_pictures(subject)), "")
         case _:
+            kinds = (Design, str, os.PathLike)
+            expect(subject, "subject", kinds, "a design, or what another function of roslf_design returned")
             return design_report(as_design(subject))
     # No command made it.
     parts = (

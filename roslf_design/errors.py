@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 import unicodedata
 from dataclasses import dataclass
+from pathlib import Path
 
 OTHER_PLACE = "delete it or choose another place"
 """Remedy where something else lies in the way of what is to be written."""
@@ -107,6 +109,19 @@ class InputError(ValueError):
 def refusal(name: str, message: str) -> InputError:
     """Argument that cannot be had; `name` is its keyword."""
     return InputError((Argument(name, message),))
+
+
+def expect(value: object, name: str, kinds: type | tuple[type, ...], what: str) -> None:
+    """Refusal of an argument that is of no such kind; `what` says in words what it is to be."""
+    if not isinstance(value, kinds):
+        given = "None" if value is None else type(value).__name__
+        raise refusal(name, f"takes {what}; got {given}")
+
+
+def path_of(value: object, name: str, what: str) -> Path:
+    """Path that an argument gives, as text or as a path; `what` says in words what lies there."""
+    expect(value, name, (str, os.PathLike), f"the path of {what}")
+    return Path(value)  # type: ignore[arg-type]
 
 
 FAULTS = (ArithmeticError, LookupError, MemoryError, RuntimeError, TypeError, ValueError)

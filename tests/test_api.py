@@ -50,6 +50,53 @@ def test_a_sweep_is_a_camera_with_an_array():
     assert fill[24] == pytest.approx(roslf.evaluate("paper").f_number.fill_factor, rel=1e-15)
 
 
+KINDS = {
+    "tolerance": (roslf.tolerance, "study: takes the path of a study file, which names its design"),
+    "optimize": (roslf.optimize, "study: takes the path of a study file"),
+    "calibrate": (lambda x: roslf.calibrate(x, "paper", "4x5 6 mm"), "folder: takes the path of a folder of captures"),
+    "capture_depth": (roslf.capture_depth, "image: takes the path of a raw image"),
+    "decode": (roslf.decode, "image: takes the path of a raw image"),
+    "bench_check": (roslf.bench_check, "folder: takes the path of a folder that `roslf bench` wrote"),
+    "bench_report": (roslf.bench_report, "folder: takes the path of a folder that `roslf bench` wrote"),
+    "render": (roslf.render, "design: takes a Design, the name of a preset or the path of a design file"),
+    "scene": (lambda x: roslf.render("paper", x), "scene: takes a Scene, the path of a scene file, or None"),
+    "measure_depth": (lambda x: roslf.measure_depth("paper", x), "scene: takes a Scene"),
+    "report": (roslf.report, "subject: takes a design, or what another function of roslf_design returned"),
+    "quantity": (roslf.quantity, "quantity: takes the name of a quantity"),
+    "load": (roslf.load, "path: takes the path of a design file, or the name of a preset"),
+    "loads": (roslf.loads, "text: takes TOML text"),
+    "dumps": (roslf.dumps, "design: takes a Design"),
+    "save": (lambda x: roslf.save(roslf.load("paper"), x), "path: takes the path of a file to write"),
+    "evaluate": (roslf.evaluate, "design: takes a Design"),
+    "evaluate_many": (lambda x: roslf.evaluate_many([x]), "design: takes a Design"),
+    "designs": (roslf.evaluate_many, "designs: takes a list of designs"),
+    "sweep": (lambda x: roslf.sweep("paper", x, "q"), "places: takes a mapping of places to values"),
+    "sweep, names": (lambda x: roslf.sweep("paper", {"d_3": [1.0]}, [x]), "quantity: takes the name of a quantity"),
+    "specification": (roslf.specification, "design: takes a Design"),
+    "render_html": (roslf.render_html, "report: takes a Report"),
+    "render_pdf": (roslf.render_pdf, "report: takes a Report"),
+    "Camera.of": (roslf.Camera.of, "design: takes a Design"),
+}
+"""Functions of one argument, and what is said where it is of no kind that they take."""
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_an_argument_of_the_wrong_kind_is_refused_in_our_words(name):
+    function, said = KINDS[name]
+    with pytest.raises(roslf.InputError) as error:
+        function(5)
+    assert str(error.value).startswith(said)
+    assert str(error.value).endswith("; got int")
+
+
+def test_a_design_is_no_study():
+    for function in (roslf.tolerance, roslf.optimize):
+        with pytest.raises(roslf.InputError, match=r'design = "mine\.toml"; got Design'):
+            function(roslf.load("paper"))
+    with pytest.raises(roslf.InputError, match="; got None"):
+        roslf.evaluate(None)
+
+
 def test_evaluate_takes_a_preset_a_path_or_a_design(tmp_path):
     path = tmp_path / "mine.toml"
     roslf.save(roslf.load("paper"), path)

@@ -26,6 +26,7 @@ from ..bore.part import TEMPERATURE, Number, PartNumbers, minus, plus, times
 from ..design import Design, DesignError, Problem
 from ..design.growth import Growth
 from ..design.parts import BEHIND, PATHS, Colours, Layout, Symbols
+from ..errors import expect
 from ..lenses.angles import AngleMap
 from ..toml_files import nearest
 from .frames import Frame, Vector, along, cross, dot, frame, total
@@ -127,6 +128,7 @@ class Camera(Symbols[Number]):
             A place that the design has not, or that is no number; arrays that do not broadcast; f, d_f and d_1 all
             three.
         """
+        expect(design, "design", Design, "a Design, as `roslf_design.load` gives it")
         camera = _nominal(design)
         if not changes and not in_focus:
             return camera

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, expect, path_of
 from ..toml_files import nearest, parse_toml, read_toml
 from .check import DesignError
 from .design import Design, build
@@ -124,8 +124,7 @@ def load(path: str | os.PathLike[str]) -> Design:
     DesignError
         Names the file and every fault in it, with places and remedies.
     """
-    origin = os.fspath(path)
-    place = Path(path)
+    place, origin = path_of(path, "path", "a design file, or the name of a preset"), os.fspath(path)
     # A folder may well be called as a preset, being what a command wrote of it; unlike `Path`, `os.path` never raises.
     if origin in preset_names() and (os.path.isdir(place) or not os.path.exists(place)):
         place = preset_path(origin)
@@ -142,6 +141,7 @@ def loads(text: str, origin: str = "", folder: str | os.PathLike[str] | None = "
 
     With `folder` None it opens no file: text of someone else's may name lenses that ship, and hold others as tables.
     """
+    expect(text, "text", str, "TOML text")
     place = None if folder is None else Path(folder)
     return build(parse_toml(text, origin, refusal=DesignError), from_file=True, origin=origin, folder=place)
 
@@ -158,6 +158,7 @@ def dumps(design: Design, digits: int | None = None) -> str:
     """
     import tomli_w
 
+    expect(design, "design", Design, "a Design")
     data: dict[str, Any] = design.model_dump(
         mode="json", exclude_none=True, exclude_defaults=True, context={"digits": digits}
     )
@@ -172,7 +173,7 @@ def save(design: Design, path: str | os.PathLike[str], *, overwrite: bool = Fals
     FileExistsError
         Where the file exists and `overwrite` is false.
     """
-    write_new(Path(path), dumps(design, digits).encode(), overwrite)
+    write_new(path_of(path, "path", "a file to write"), dumps(design, digits).encode(), overwrite)
 
 
 def write_new(path: Path, content: bytes, overwrite: bool) -> None:

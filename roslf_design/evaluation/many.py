@@ -11,7 +11,7 @@ import numpy as np
 
 from ..camera import Camera
 from ..design import Design
-from ..errors import refusal
+from ..errors import expect, refusal
 from ..options import Distance, one_distance
 from ..theory.focused import FocusedArray
 from ..theory.limits import as_design
@@ -74,6 +74,7 @@ def evaluate_many(
     """
     at = one_distance(at)
     known = quantities_of_cameras(quantities, at)
+    expect(designs, "designs", Iterable, "a list of designs, or a mapping of names to them")
     named = list(designs.items()) if isinstance(designs, Mapping) else [(_name(one), one) for one in designs]
     if not named:
         raise refusal("designs", "there are none; give one or more")

@@ -21,6 +21,7 @@ import numpy as np
 from ..drawing.picture import PAGE
 from ..drawing.solid import library, viewer
 from ..drawing.typeset import page_of, typeset, typesetter
+from ..errors import expect
 from ..tables import csv_bytes
 from ..words import spans, to_html
 from .blocks import MARKS, Block, Bullets, Code, Figure, Paragraph, Report, Statements, Table, slug
@@ -45,6 +46,7 @@ POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri
 
 def render_html(report: Report) -> str:
     """The page as text; the same report gives the same text."""
+    expect(report, "report", Report, "a Report, as `roslf_design.report` makes it")
     page = _environment().get_template("report.html.j2")
     if not any(figure.scene for figure in report.figures):
         return _letters(page.render(report=report, policy=_policy(()), viewer=""))
@@ -94,6 +96,7 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
     ModuleNotFoundError
         The typst package is not installed.
     """
+    expect(report, "report", Report, "a Report, as `roslf_design.report` makes it")
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         sections = [

@@ -10,7 +10,7 @@ from typing import Any
 from ..design import Design, load, loads
 from ..design.check import DesignError
 from ..design.required import Required, readable
-from ..errors import Problem
+from ..errors import Problem, expect
 from ..toml_files import parse_toml, read_toml
 from .quantities import quantity_named
 from .quantity import Quantity
@@ -21,6 +21,7 @@ _Limits = tuple[Required, Quantity, float | None, float | None]
 
 def as_design(design: Design | str | os.PathLike[str], origin: str = "") -> Design:
     """Design given, or the one of a path or a preset's name; all errors of `load`, and of `limits`, which checks it."""
+    expect(design, "design", (Design, str, os.PathLike), "a Design, the name of a preset or the path of a design file")
     if not isinstance(design, Design):
         path = origin = os.fspath(design)
         design = _with_all_faults(lambda: load(path), lambda: read_toml(Path(path), path))

@@ -21,6 +21,7 @@ from ..camera import Camera, Number
 from ..camera.rims import place_of
 from ..design import Design
 from ..design.parts import PATHS
+from ..errors import expect
 from ..toml_files import SLIP, nearest
 from ..words import listed, number, the
 from . import (
@@ -76,6 +77,7 @@ def quantity_named(name: str) -> Quantity:
     ValueError
         Not known; names the nearest.
     """
+    expect(name, "quantity", str, 'the name of a quantity, as "fill_factor"')
     if name in QUANTITIES:
         return QUANTITIES[name]
     labels = {key: one.label for key, one in QUANTITIES.items() if one.of is not None and key not in PATHS}
@@ -125,6 +127,7 @@ def quantities_of_cameras(names: str | Sequence[str], at: Depth = None) -> list[
     ValueError
         One that is not known, belongs to a field, or needs a distance.
     """
+    expect(names, "quantities", Iterable, "names of quantities")
     known = [quantity_named(name) for name in ([names] if isinstance(names, str) else names)]
     for quantity in known:
         if quantity.of is None:

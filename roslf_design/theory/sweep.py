@@ -16,7 +16,7 @@ from .._arrays import Array
 from ..bore.conjugates import follower
 from ..camera import Camera
 from ..design import PATHS, Design
-from ..errors import InputError
+from ..errors import InputError, expect
 from ..options import Distance, one_distance
 from .focused import refuse_focused
 from .limits import as_design
@@ -128,6 +128,7 @@ def sweep(
     array([0.689, 1.005])
     """
     design = as_design(design)
+    expect(places, "places", Mapping, 'a mapping of places to values, as {"d_3": [20.0, 120.0]}')
     if not 1 <= len(places) <= 2:
         raise ValueError(f"{len(places)} places given; sweep one or two")
     at = one_distance(at)
