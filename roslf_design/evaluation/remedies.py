@@ -19,8 +19,10 @@ Holds = Callable[[Camera], NDArray[np.bool_]]
 """Whether cameras are as wanted, each of several builds."""
 SYMBOLS = ("d_2", "D_F", "d_3")
 """Lengths that are changed, one at a time."""
-REACH, PLACES, ROUNDS = 4.0, 9, 6
-"""Factor that a length is changed by at most, either way; lengths that are tried at once, and how often between two."""
+REACH, PLACES = 4.0, 9
+"""Factor that a length is changed by at most, and into how many steps that is cut, either way."""
+BETWEEN, ROUNDS = 17, 10
+"""Lengths that are tried at once between one with which something holds and one with which it does not, how often."""
 DIGITS, MOST_DIGITS = 5, 9
 """Digits of a remedy, and those that it has where no fewer do."""
 
@@ -55,10 +57,15 @@ def _nearest(camera: Camera, symbol: str, holds: Holds) -> float | None:
     if not held.size:
         return None
     at = int(min(held, key=lambda k: abs(k - middle)))
-    inside, outside = float(tried[at]), float(tried[at + (1 if at < middle else -1)])
+    outside = float(tried[at + (1 if at < middle else -1)])
+    return farthest(lambda values: _held(camera, symbol, values, holds), float(tried[at]), outside)
+
+
+def farthest(holds: Callable[[Array], NDArray[np.bool_]], inside: float, outside: float) -> float:
+    """Value farthest from one with which it holds, towards one with which it does not, up to which it holds."""
     for _ in range(ROUNDS):
-        between = np.linspace(inside, outside, PLACES)
-        last = int(np.argmin(_held(camera, symbol, between, holds))) - 1
+        between = np.linspace(inside, outside, BETWEEN)
+        last = int(np.argmin(holds(between))) - 1
         inside, outside = float(between[last]), float(between[last + 1])
     return inside
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..design import PATHS, Design, DesignError
 from ..drawing.theme import short
+from ..evaluation.remedies import BETWEEN, ROUNDS, farthest
 from ..theory.exit_pupil import is_telecentric
 from ..theory.f_number import fill_factor, matched
 from ..theory.light import geometric_views, microlens_defocus_blur
@@ -35,8 +36,6 @@ SAME_PLACE = 1e-9
 """Share of a bore's length below which two places are one."""
 PEAKS = 8
 """Highest of them, at most, that are looked at more closely."""
-PLACES, ROUNDS = 17, 10
-"""A search between two places looks at so many, and goes on between two of them: 1e-12 of the range is left."""
 
 
 @dataclass(frozen=True)
@@ -186,13 +185,7 @@ def _undistorting(camera: Camera) -> Change:
     if not free.size:
         tightest = int(np.argmin(rooms(float(places[int(np.argmax(room))]))))
         return f"no FAP distance frees it: the {camera.rims[tightest].opening} is too small for this FAP and sensor"
-    inside = float(free[int(np.argmin(np.abs(free - here)))])
-    outside = here
-    for _ in range(ROUNDS):
-        between = np.linspace(inside, outside, PLACES)
-        last = int(np.argmax(least(between) < 0)) - 1
-        inside, outside = float(between[last]), float(between[last + 1])
-    return inside
+    return farthest(lambda d_3: least(d_3) >= 0, float(free[int(np.argmin(np.abs(free - here)))]), here)
 
 
 def _widest(camera: Camera) -> Change:
@@ -228,9 +221,9 @@ def _with_peaks(value: Callable[[Floats], Floats], camera: Camera) -> Floats:
     low, high = places[np.maximum(top - 1, 0)], places[np.minimum(top + 1, len(places) - 1)]
     rows = np.arange(len(top))
     for _ in range(ROUNDS):
-        tried = np.linspace(low, high, PLACES, axis=1)
+        tried = np.linspace(low, high, BETWEEN, axis=1)
         best = np.argmax(value(tried.ravel()).reshape(tried.shape), axis=1)
-        low, high = tried[rows, np.maximum(best - 1, 0)], tried[rows, np.minimum(best + 1, PLACES - 1)]
+        low, high = tried[rows, np.maximum(best - 1, 0)], tried[rows, np.minimum(best + 1, BETWEEN - 1)]
     return np.union1d(places, 0.5 * (low + high))
 
 

@@ -246,7 +246,7 @@ class Session:
     def slide(self, symbol: Symbol, place: FiniteFloat, gesture: str) -> None:
         """Move a slider; all of one gesture is one step back."""
         field = CONTROLS[symbol]
-        value = value_at(field, place, reach(field, self.state.reference, self.design))
+        value = value_at(field, place, reach(field, self.state.reference, self.state.drawn))
         self._go(self.state.set(symbol, value), gesture)
 
     def write(self, symbol: Symbol, text: str) -> None:

@@ -10,6 +10,7 @@ import math
 import zlib
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from operator import attrgetter
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -17,11 +18,13 @@ from pydantic import AfterValidator, Field
 from pydantic.dataclasses import dataclass as checked_dataclass
 
 from ..camera import Camera
-from ..design import PATHS, Design, DesignError, dumps, loads
+from ..design import PATHS, Design, DesignError, dumps
 from ..design.parts import MOST_CONTRAST
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..lenses.glass import AIR, Glass, catalogue, find_glass, read_glass
+from ..reporting.design.figures import at_room
+from ..theory.limits import design_of_text
 from ..theory.quantities import QUANTITIES
 from ..units import UNITS, parse_quantity
 
@@ -275,7 +278,7 @@ class State:
     design: Design
     """The last good one: every picture is of it."""
     reference: Design
-    """The one that was loaded; sliders reach about its numbers."""
+    """The one that was loaded, as `drawn`; sliders reach about its numbers."""
     follows: Follower = "d_f"
     """Which of f, d_1 and d_f is the consequence of the other two."""
     faults: tuple[_Fault, ...] = ()
@@ -290,8 +293,18 @@ class State:
             lens = design.main_lens
             given = lens.kind.given(PATHS["f"], lens.focal_length, design.wavelength) is not None
             follows = "d_1" if design.microlens_array.distance is None else "d_f" if given else "f"
-        state = cls(design, design)
+        state = cls(design, at_room(design)[0])
         return replace(state, follows=follows if follows in state.followers else "d_f")
+
+    @cached_property
+    def drawn(self) -> Design:
+        """The design whose lengths fields show and change: at room temperature, as drawings and files have it."""
+        return at_room(self.design)[0]
+
+    def _used(self, drawn: Design) -> Design:
+        """A drawn design at the temperature that the camera is used at."""
+        used = self.design.environment
+        return drawn if used is None else drawn.at_temperature(used.temperature)
 
     @property
     def followers(self) -> tuple[Follower, ...]:
@@ -332,7 +345,7 @@ class State:
         if CONTROLS[symbol].left_out and not text.strip():
             return self._put(symbol, None, text)
         try:
-            value = read(shown_in(CONTROLS[symbol], value_of(self.design, symbol)), text)
+            value = read(shown_in(CONTROLS[symbol], value_of(self.drawn, symbol)), text)
         except ValueError as error:
             return self._with_fault(_Fault(symbol, text, str(error)))
         return self._put(symbol, value, text)
@@ -342,14 +355,14 @@ class State:
         return self._put(symbol, value, f"{value!r} mm") if self.changeable(symbol) else self
 
     def change(self, changes: Mapping[str, float]) -> State:
-        """Set several numbers at once [mm]; all or none.
+        """Set several numbers at once, as they are in use [mm]; all or none.
 
         Raises
         ------
         DesignError
             The numbers do not make a design.
         """
-        return self.take(self._changed(changes))
+        return self.take(self._changed(self.design, changes))
 
     def take(self, design: Design) -> State:
         """Go on with another design; sliders keep their reach."""
@@ -365,7 +378,7 @@ class State:
             A material's name or index; a mapping's name; of a window "yes" or "no". A liquid brings the window that
             seals it off, and the last window that goes takes the liquid along.
         """
-        design, k = self.design, window_of(self.design)
+        design, k = self.drawn, window_of(self.design)
         elements: list[Any] = list(design.elements)
         medium = design.object_space.medium
         try:
@@ -389,29 +402,29 @@ class State:
                 for f in self._faults_but(what)
                 if not (what == "window" and f.symbol in CONTROLS.keys() - BY_SYMBOL.keys())
             )
-            return replace(self.take(design.replace(changes)), faults=left)
+            return replace(self.take(self._used(design.replace(changes))), faults=left)
         except InputError as error:
             return self._with_fault(_Fault(what, text, "; ".join(problem.message for problem in error.problems)))
 
-    def _changed(self, changes: Mapping[str, float | None]) -> Design:
-        window = f"elements.{window_of(self.design)}."
+    def _changed(self, design: Design, changes: Mapping[str, float | None]) -> Design:
+        window = f"elements.{window_of(design)}."
         places: dict[str, Any] = {PATHS.get(s, s.replace("window_", window)): value for s, value in changes.items()}
         if (across := places.get("depth.window")) is not None and across == round(across):
             places["depth.window"] = round(across)
         if "q" in changes:  # as the microlenses see it
-            places[PATHS["q"]] *= self.design.sensor.relay_magnification
+            places[PATHS["q"]] *= design.sensor.relay_magnification
         fixed = fixed_conjugates(self.follows, changes)
         if any(symbol.startswith("window_") for symbol in changes):  # glass moves the focus
             fixed = tuple(s for s in CONJUGATE if s != self.follows and s not in changes)
-        fixed = tuple(s for s in fixed if s in self.design.main_lens.kind.kept_conjugates)
-        return self.design.replace({PATHS[s]: getattr(self.design, s) for s in fixed} | places)
+        fixed = tuple(s for s in fixed if s in design.main_lens.kind.kept_conjugates)
+        return design.replace({PATHS[s]: getattr(design, s) for s in fixed} | places)
 
     def _put(self, symbol: str, value: float | None, text: str) -> State:
-        waiting = _readable(self._faults_but(symbol), self.design)
+        waiting = _readable(self._faults_but(symbol), self.drawn)
         problems: tuple[Problem, ...] = ()
         for others in ([waiting] if waiting else []) + [{}]:
             try:
-                design = self._changed({**others, symbol: value})
+                design = self._used(self._changed(self.drawn, {**others, symbol: value}))
             except DesignError as error:
                 problems = error.problems
                 continue
@@ -606,4 +619,4 @@ def decode(text: str) -> tuple[State, Look]:
 
 def _design_of(text: object) -> Design:
     # A link may come from anyone: it opens no file of this machine.
-    return loads(str(text), "link", folder=None)
+    return design_of_text(str(text), "link")

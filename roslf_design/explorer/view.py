@@ -279,8 +279,8 @@ def _material_text(glass: Glass) -> str:
 
 def _control(number: NumberField, state: State) -> dict[str, Any]:
     symbol = number.symbol
-    known = value_of(state.design, symbol)
-    ends = reach(number, state.reference, state.design)
+    known = value_of(state.drawn, symbol)
+    ends = reach(number, state.reference, state.drawn)
     text, fault = "" if known is None else show(number, known), state.fault(symbol)
     letter, _, index = ("λ" if symbol == "wavelength" else symbol if symbol in BY_SYMBOL else "").partition("_")
     follows, changeable = state.follows == symbol, state.changeable(symbol)
@@ -378,8 +378,9 @@ def _asked(required: Sequence[Requirement]) -> dict[str, str]:
         symbol = "u " if required[0].expanded(1.0) else ""
         return _light([required[0].verdict], title=labels[0], margin=f"{symbol}{value} of {required[0].limits}")
     missed = [label for label, one in zip(labels, required, strict=True) if not one.met]
-    drawn = sum(one.outcome.startswith("met as drawn") for one in required)
-    margin = f"{len(required) - len(missed)} of {len(required)} met" + f", {drawn} as drawn" * bool(drawn)
+    only = [one.only for one in required if one.met and one.only]
+    margin = f"{len(required) - len(missed)} of {len(required)} met"
+    margin += f", {len(only)} {only[0] if len(set(only)) == 1 else 'with a reservation'}" if only else ""
     if missed:
         margin += f"; missed: {missed[0]}" + f" and {len(missed) - 1} more" * (len(missed) > 1)
     return _light([one.verdict for one in required], title="required", margin=margin, name="required")
@@ -416,7 +417,7 @@ def _margin(evaluation: Evaluation, verdict: Verdict) -> str:
     if name == "lens_speed":
         return f"f/{short(evaluation.f_number.main_lens, 3)}"
     if name == "microlens_speed":
-        return verdict.text.split()[2]
+        return f"f/{short(evaluation.f_number.microlens_lens, 3)}"
     if lens is None:
         return ""
     shifts = [math.hypot(*field.shift_px) for field in lens.fields if field.shift_px is not None]

@@ -390,6 +390,7 @@ _register(
         lambda c, _: np.asarray(c.f_ml / c.d),
         monotone=False,
         label="microlens f-number f_ml/d",
+        evaluated=Listed("f_number", None, key="microlens_lens"),
     ),
     Quantity(
         "f_number_pupil",

@@ -155,11 +155,16 @@ def test_it_says_that_it_starts_until_the_page_is_there(page, chromium, explorer
 
 def test_the_first_screen_holds_all_verdicts_and_a_picture(page, tmp_path):
     file = tmp_path / "asked.toml"
-    at = [{"at": float(distance), "max": 2.0} for distance in (10, 15, 20, 30, 40)]
+    at = [{"at": float(distance), "max": "0.0125 mm"} for distance in (10, 15, 20, 30, 40)]
     asked = {"u_z_mm": at, "outer_diameter_mm": {"max": 4.0}, "field_of_view_deg": {"min": 90.0}}
     file.write_text(dumps(load("rigid-scope").replace({"required": asked})))
     page.set_input_files("input[type=file]", file)
     idle(page)
+    click(page, "#tab-tolerance")
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        assert faults(page) == []
+    click(page, "#tab-camera")
     for width, height in SIZES:
         page.set_viewport_size({"width": width, "height": height})
         page.wait_for_timeout(120)

@@ -452,12 +452,20 @@ def test_what_is_required_is_one_light():
     assert (asked["title"], asked["level"]) == ("required", "fault")
     assert asked["margin"] == "2 of 3 met, 1 as drawn; missed: depth, expected at 40 mm"
     assert asked["plain"].splitlines() == [verdict.text for verdict in evaluation.verdicts[:3]]
+    contrast = {"u_z_mm": {"max": 1.0}, "mtf50_lp_per_mm": {"min": 2.0}}
+    reserved = lights(evaluate(load("rigid-scope").replace({"required": contrast})))[0]
+    assert (reserved["margin"], reserved["level"]) == ("2 of 2 met, 2 with a reservation", "limit")
     met = {"field_of_view_deg": {"min": 1.0}, "outer_diameter_mm": {"max": 4.0}}
     whole = lights(evaluate(load("rigid-scope").replace({"required": met})))[0]
     assert (whole["margin"], whole["level"]) == ("2 of 2 met", "good")
     one = load("rigid-scope").replace({"required": {"outer_diameter_mm": {"max": 4.0}}})
     alone = lights(evaluate(one))[0]
     assert (alone["title"], alone["margin"], alone["level"]) == ("outer diameter", "3 of at most 4 mm", "good")
+
+
+def test_the_light_of_fast_microlenses_has_their_own_f_number():
+    fast = {light["name"]: light for light in lights(evaluate(load("rigid-scope").replace({"f_ml": 0.04})))}
+    assert fast["microlens_speed"]["margin"] == "f/2"
 
 
 def test_lights_of_a_real_lens_tell_the_traced_field():

@@ -446,3 +446,31 @@ def test_a_real_lens_gets_a_window_and_what_is_refused_of_it_is_forgotten_withou
 def test_bounds_of_a_run_are_offered_in_four_digits():
     offered = _offered("d", State.of(PAPER.replace(d=0.01090009)))
     assert all(len(offered[side].split()[0].replace(".", "").lstrip("0")) <= 4 for side in ("low", "high"))
+
+
+def test_fields_of_a_camera_used_warm_have_the_numbers_of_its_file():
+    cold = {"housing": "stainless steel", "range": (15.0, 40.0)}
+    warm = State.of(load("rigid-scope").replace({"environment": cold}).at_temperature(37.0))
+    assert show(BY_SYMBOL["q"], warm.design.q) != "1.55 um"
+
+    def told(state):
+        return {f["symbol"]: f["text"] for group in controls(state)["groups"] for f in group["fields"]}
+
+    assert (told(warm)["q"], told(warm)["d_f"], told(warm)["D_F"]) == ("1.55 um", "25 mm", "0.3 mm")
+    typed = warm.edit("q", "1.6 um").choose("window", "yes").set("D_F", 0.25)
+    assert (told(typed)["q"], told(typed)["D_F"], typed.faults) == ("1.6 um", "0.25 mm", ())
+    assert typed.design.environment.temperature == 37.0
+    grown = typed.design.q / typed.drawn.q
+    assert grown == pytest.approx(warm.design.q / warm.drawn.q, rel=1e-12)
+    assert grown > 1 + 1e-5
+    # What a run or a proposal found is of the camera in use, and is taken as it is.
+    assert warm.change({"D_F": 0.25}).design.D_F == 0.25
+
+
+def test_a_link_whose_limits_cannot_be_tells_all_of_them():
+    asked = {"u_z_mm": {"max": 1.0}, "views_independent": {"min": 1.0}}
+    text = encode(State.of(PAPER.replace({"required": asked})), Look())
+    packed = zlib.decompress(base64.urlsafe_b64decode(text[1:] + "=" * (-len(text[1:]) % 4)))
+    spoilt = packed.replace(b"u_z_mm", b"u_y_mm").replace(b"views_independent", b"views_indifferent")
+    with pytest.raises(LinkError, match=r"(?s)u_y_mm.*views_indifferent"):
+        decode("1" + base64.urlsafe_b64encode(zlib.compress(spoilt)).decode().rstrip("="))

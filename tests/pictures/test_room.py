@@ -76,7 +76,7 @@ def test_blocked_rays_do_not_shrink_the_section_where_the_pupil_nears_the_focal_
 
 def test_a_diameter_without_room_stands_with_its_element_s_name():
     design = DESIGNS["rigid-scope"]  # its sensor stands 2 mm behind the lens, of 27 mm in all
-    panel = ray_diagrams(design).panels[0]
+    panel = meridional(design, (768.0, 300.0), whole=True).panels[0]
     words = {mark.text: mark for mark in panel.marks if isinstance(mark, Text)}
     assert "main lens, D = 3 mm" in words
     assert "D = 3 mm" not in words

@@ -64,7 +64,7 @@ def comparison_report(
 
 def _figures(named: dict[str, Design], results: Sequence[Evaluation]) -> tuple[tuple[Figure, ...], Figure, Figure]:
     """Each design's rays, the microlens image of each at its sensor's corner, depth, expected, of all."""
-    caption = "To scale, each design in a scale of its own. Dashed orange rays end at what blocks them."
+    caption = "Each design in a scale of its own, its ends larger below. Dashed orange rays end at what blocks them."
     rays = tuple(
         Figure.of(f"rays-{letter}", f"{letter}: {design.name}", caption, ray_diagrams(design))
         for letter, design in named.items()

@@ -47,6 +47,8 @@ POINTS = 120
 """Places along the array's longer side."""
 LEFT, TOP, RIGHT, BELOW = 52.0, 26.0, 12.0, 42.0
 """Margins [px]."""
+MOST_SHOWN = 1.68
+"""Part of the plane that a map shows at most, in sizes of the array or of the circle of Eq. 6."""
 TWINS = (line_key("thin-lens model", "grey", 1.4, "6 4"), line_key("real lens", "blue", 2))
 """Keys of the two outlines of a microlens image behind a real lens."""
 
@@ -194,7 +196,7 @@ def _panel(design: Design, size: Point, margins: tuple[float, float, float, floa
     room = np.maximum(np.subtract(size, (left + right, top + below)), 60.0)
     scale = float(np.min(room / (2.1 * half)))
     # The rest of the room shows more of the plane rather than nothing.
-    half = np.minimum(room / scale / 2, 1.6 * 1.05 * half)
+    half = np.minimum(room / scale / 2, MOST_SHOWN * half)
     width, height = (2 * half * scale).tolist()
     box = (left + float(room[0] - width) / 2, top + float(room[1] - height) / 2, width, height)
     across, up = (Scale(-side, side) for side in half.tolist())
@@ -231,8 +233,11 @@ def _frame_keys(design: Design) -> list[Key]:
     _, _, radius = _circle_of_eq_6(design)
     bound = "at any radius" if math.isinf(radius) else "nowhere" if radius == 0 else f"within {short(radius)} mm"
     limit = f"Eq. 6: undistorted {bound}"
-    drawn = 0 < radius < math.inf
-    return [line_key("what the sensor sees", "blue", 2), line_key(limit, "vermillion", 2) if drawn else Key(limit, ())]
+    beyond = MOST_SHOWN * math.hypot(*design.microlens_array.size) / 2 < radius < math.inf
+    circle = Key(f"{limit}, beyond the map" if beyond else limit, ())
+    if 0 < radius < math.inf and not beyond:
+        circle = line_key(limit, "vermillion", 2)
+    return [line_key("what the sensor sees", "blue", 2), circle]
 
 
 class _LensCurves(NamedTuple):

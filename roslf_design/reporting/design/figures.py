@@ -70,11 +70,12 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
         bend = f"{folds} unfolded" if folds else "rays bend at its faces"
         through = f" Glass before the lens and about the array is light blue, at its mechanical distances; {bend}."
     caption = (
-        "Solid rays reach the sensor; dashed orange rays are blocked and end, with a cross, at what stops them (the "
-        "outermost of each fan miss the FAP on purpose, to show it at work). The FAP is black, the main lens and its "
-        f"mount blue.{through}{lens_words(design.main_lens.kind).twin} {follow} {plane}"
+        "Below, larger, the tip, and array and sensor. Solid rays reach the sensor; dashed orange rays are blocked and "
+        "end, with a cross, at what stops them (the outermost of each fan miss the FAP on purpose, to show it at "
+        "work). The FAP is black, the main lens and its mount blue."
+        f"{through}{lens_words(design.main_lens.kind).twin} {follow} {plane}"
     )
-    return Figure.of("rays", "Meridional ray diagram, to scale", caption, ray_diagrams(design))
+    return Figure.of("rays", "Meridional ray diagram", caption, ray_diagrams(design))
 
 
 def _cells_sheet(design: Design, result: Evaluation) -> Figure:
@@ -259,9 +260,8 @@ def dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     """The drawing with dimensions, as drawings are: at room temperature."""
     drawn, holds = at_room(design)
     caption = (
-        "Elements in their order along the axis. The numbers are the dimensions; the drawing is not to scale, the ray "
-        "diagram is. d_f, d_3 and further stops count from the main lens towards the object, d_1 from it to the "
-        f"microlens array.{holds}"
+        "Elements in their order along the axis. The numbers are the dimensions; the drawing is not to scale. d_f, d_3 "
+        f"and further stops count from the main lens towards the object, d_1 from it to the microlens array.{holds}"
     )
     return Figure.of("dimensions", "Dimensions", caption, dimensions(drawn))
 

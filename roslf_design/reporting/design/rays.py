@@ -46,10 +46,12 @@ FLAT = 60.0
 """Height of a section below which no diameters are told inside it [px]."""
 CLOSE = 0.125
 """Share of the instrument that a view of its tip shows."""
-STRETCHED = 320.0
-"""Height of a section whose heights are drawn larger, where those to scale are flat [px]."""
-LOWEST, TALLEST, OVERVIEW = 90.0, 270.0, 200.0
-"""Least height of a section, and greatest of one that is to scale, alone or with the way to the object [px]."""
+NEAR = {"tip": "at the tip", "sensor": "at array and sensor"}
+"""Views of one end, in words."""
+TALL, NEAR_TALL = 300.0, 220.0
+"""Heights of a report's section, and of its views of the ends below [px]."""
+LOWEST = 90.0
+"""Least height of a section [px]."""
 
 
 class _LabelledFan(NamedTuple):
@@ -97,7 +99,7 @@ def is_centred(design: Design) -> bool:
 
 
 def meridional(
-    design: Design, size: Point = (900, 340), *, whole: bool | None = None, to_scale: bool = False, key: bool = True,
+    design: Design, size: Point = (900, 340), *, whole: bool | None = None, key: bool = True,
     close: Literal["", "tip", "sensor"] = "",
 ) -> Picture:  # fmt: skip
     """Draw the section in which rays run.
@@ -111,18 +113,16 @@ def meridional(
     whole : bool, optional
         From the object plane on (True; never where that is at infinity), or from a little before the outermost stop
         (False). None shows the way to the object unless the instrument would be small beside it.
-    to_scale : bool
-        Heights as lengths, with ticks on both axes; the picture is as high as that makes it. Else both fill the
-        picture, heights larger or smaller than lengths by a round factor.
     key : bool
-        Whether a legend is drawn.
+        Whether a legend is drawn; else close to one end which end it is, and the scales.
     close : {"", "tip", "sensor"}
         Only what stands about the tip, or about array and sensor; `whole` is then of no account.
 
     Returns
     -------
     Picture
-        Its mapping takes pixels to z and height [mm].
+        Both fill it, heights larger or smaller than lengths by a round factor; its mapping takes pixels to z and
+        height [mm].
 
     Notes
     -----
@@ -145,11 +145,18 @@ def meridional(
     if medium := _medium_label(thin):
         keys.append(box_key(f"medium: {medium}", *MEDIUM))
     ruler = (Line((-11.0, 11.0), (0.0, 0.0), "grey", 1.2, ends="|"),)
+    keys = keys if key else []
+
+    def scales(exaggeration: float) -> list[Key]:
+        words = scale_words(exaggeration)
+        if not key:
+            return [Key(f"{NEAR[close]}: {words}", ruler)] if close else []
+        return [Key(words if whole else f"{words}; object plane {short(design.d_f)} mm before the lens", ruler)]
+
     # How many rows the legend takes must be known before the scale is, which it tells.
-    longest = Key(_scale_label(design, 100.0, whole), ruler)
-    foot = legend_height([*keys, longest], size[0] - 28) if key else 0.0
-    section = _section(thin, drawn, (size[0], size[1] - foot), whole, to_scale, close)
-    keys.append(Key(_scale_label(design, section.exaggeration, whole), ruler))
+    foot = legend_height([*keys, *scales(100.0)], size[0] - 28)
+    section = _section(thin, drawn, (size[0], size[1] - foot), whole, close)
+    keys += scales(section.exaggeration)
     tip, half = -_front(thin), section.half
     marks: list[Mark] = [_block(tip, thin.d_1 + thin.d_2, -half, half, "pale", 0.28)]
     if medium:
@@ -160,13 +167,13 @@ def meridional(
     marks += [*_elements(thin, section), *_names(section), *_openings(thin, section), *_lengths(thin, section)]
     ends = section.panel.x[:2]
     panel = section.panel.with_marks(*(mark for mark in marks if mark.clip or _within(mark, *ends)))
-    height = panel.bottom + 42 + foot if to_scale else max(size[1], panel.bottom + section.under + foot)
+    height = max(size[1], panel.bottom + section.under + foot)
     title = (
         f"Meridional section of {design.name}: rays of {', '.join(fan.label for fan in drawn)}; "
         f"{blocked} of {sum(fan.kept.size for fan in drawn)} drawn rays are blocked"
     )
     key_box = (16.0, height - foot - 3, size[0] - 28)
-    return Picture("meridional", title, (size[0], height), (panel,), tuple(keys) if key else (), key_box)
+    return Picture("meridional", title, (size[0], height), (panel,), tuple(keys), key_box)
 
 
 def _within(mark: Mark, low: float, high: float) -> bool:
@@ -176,15 +183,10 @@ def _within(mark: Mark, low: float, high: float) -> bool:
 
 
 def ray_diagrams(design: Design, width: float = PAGE) -> Picture:
-    """All of the section to scale and, where that is small in it, the instrument below; stretched where it is flat."""
-    whole = math.isfinite(design.d_f)
-    views = [whole] if not whole or _instrument_share(design) >= 0.75 else [True, False]
-    pictures = [meridional(design, (width, 0), whole=view, to_scale=True, key=not n) for n, view in enumerate(views)]
-    thin = design.thin_twin.with_own_stop
-    last = _section(thin, _labelled_fans(thin), (width, 0), views[-1], True)
-    if 2 * max(reaches(thin)) < FLAT * last.panel.per_px[1]:
-        pictures.append(meridional(design, (width, STRETCHED), whole=False))
-    return beside("rays", pictures[0].title, pictures, down=True)
+    """The section over all of the width, and below it, side by side, its tip, and array and sensor."""
+    section = meridional(design, (width, TALL))
+    ends = (meridional(design, (width / 2, NEAR_TALL), key=False, close=end) for end in ("tip", "sensor"))
+    return beside("rays", section.title, (section, beside("rays-near", "", ends)), down=True)
 
 
 def _front(design: Design) -> float:
@@ -207,11 +209,6 @@ def scale_words(exaggeration: float) -> str:
     return f"lengths to scale, heights ×{short(exaggeration)}"
 
 
-def _scale_label(design: Design, exaggeration: float, whole: bool) -> str:
-    words = scale_words(exaggeration)
-    return words if whole else f"{words}; object plane {short(design.d_f)} mm before the lens"
-
-
 class _SectionLayout(NamedTuple):
     """Layout of a section: where things are in the picture."""
 
@@ -232,9 +229,7 @@ class _SectionLayout(NamedTuple):
     """Room below it for dimensions [px]."""
 
 
-def _section(
-    design: Design, drawn: list[_LabelledFan], size: Point, whole: bool, to_scale: bool, close: str = ""
-) -> _SectionLayout:
+def _section(design: Design, drawn: list[_LabelledFan], size: Point, whole: bool, close: str = "") -> _SectionLayout:
     end, front = design.d_1 + design.d_2, _front(design)
     length = end + (design.d_f if whole else front)
     left = -design.d_f - 0.05 * length if whole else -front - 0.14 * length
@@ -248,37 +243,27 @@ def _section(
     # Where all light passes, and where it starts; what is blocked may run to any height.
     lit = max(*solid, high[..., 0].max(), np.where([fan.kept for fan in drawn], high.max(axis=-1), 0.0).max())
     half = 1.08 * min(max(lit, high.max()), BEYOND * lit)
-    side = (52.0 if to_scale else 16.0), 18.0 + text_width(f"d_2 = {short(design.d_2)} mm", SMALL)
+    side = 16.0, 16.0 if close == "tip" else 18.0 + text_width(f"d_2 = {short(design.d_2)} mm", SMALL)
     across = max(size[0] - sum(side), 50.0)
-    under = DIMENSION_ROW * (2 if whole or not (to_scale or close) or design.d_3 < 0 else 1) + (6 if to_scale else 14)
+    under = DIMENSION_ROW * (2 if not close or design.d_3 < 0 else 1) + 14
     rows, along, factor, over = [0], across / (right - left), 1.0, 0.0
     sides: dict[str, int] = {}
     names: list[tuple[float, str]] = []
     for _ in range(3):  # fewer pixels per millimetre may want more rows of names, and these leave fewer
         over = 8 + NAME_ROW * (1 + max(rows))
-        tall = (OVERVIEW if whole else TALLEST) if to_scale else max(size[1] - over - under, LOWEST)
-        up = tall / (2 * half)
-        along = min(across / (right - left), up) if to_scale else across / (right - left)
-        factor = 1.0 if to_scale else up / along
-        margin = 0.0 if to_scale else side[0]
-        sides = _sides(design, along, margin - along * (left + design.d_3), whole)
+        along = across / (right - left)
+        factor = max(size[1] - over - under, LOWEST) / (2 * half) / along
+        sides = _sides(design, along, side[0] - along * (left + design.d_3), whole)
         if 2 * half * along * factor < FLAT:
             sides = dict.fromkeys(sides, 0)
         names = [name for name in _named(design, sides, whole, close) if left <= name[0] <= right]
         widths = [(text_width(name, SMALL) + 8) / along for _, name in names]
         rows = rows_of_names([z for z, _ in names], widths)
-    if not to_scale:
-        steps = [step * 10.0**power for power in range(16) for step in EXAGGERATIONS]
-        factor = max(step for step in (*steps, *(1 / step for step in steps)) if step <= factor * (1 + 1e-9))
+    steps = [step * 10.0**power for power in range(16) for step in EXAGGERATIONS]
+    factor = max(step for step in (*steps, *(1 / step for step in steps)) if step <= factor * (1 + 1e-9))
     width, tall = along * (right - left), 2 * half * along * factor
     x, y = side[0] + (across - width) / 2, over + (max(size[1] - over - under, LOWEST) - tall) / 2
     panel = Panel((x, y, width, tall), Scale(left, right), Scale(-half, half), bare=True)
-    if to_scale:
-        heights = panel.ticks()[1]
-        panel = Panel(
-            (x, 6.0, width, tall + over + under), panel.x, Scale(-half - under / along, half + over / along), (),
-            "z [mm]", "height [mm]", grid="", equal=True, y_ticks=heights,
-        )  # fmt: skip
     return _SectionLayout(panel, half, factor, sides, tuple(names), tuple(rows), whole, under)
 
 
@@ -480,9 +465,8 @@ def _names(section: _SectionLayout) -> list[Mark]:
         if row:
             ends = [section.half + (2 * panel.per_px[1]), section.half + (rise - 3) * panel.per_px[1]]
             leaders.append(Line([z, z], ends, "grid", 1, clip=False))
-        # Names do not leave the picture, or cross its ordinate, on the left.
-        bound = 2.0 if panel.bare else panel.box[0] + 5
-        shift = max(0.0, text_width(name, SMALL) / 2 + bound - panel.at(z, 0.0)[0])
+        # Names do not leave the picture on the left.
+        shift = max(0.0, text_width(name, SMALL) / 2 + 2.0 - panel.at(z, 0.0)[0])
         names.append(Text(z, section.half, name, "ink", SMALL, "middle", dx=shift, dy=-rise, plate=True))
     return [*leaders, *names]
 
@@ -520,7 +504,7 @@ def _lengths(design: Design, section: _SectionLayout) -> list[Mark]:
     apart = design.d_2 / mm > text_width(beside := f"d_2 = {short(design.d_2)} mm", SMALL) + 24
     if apart:
         rows.append(("d_2", design.d_1, end, 0))
-    below, ordinate = 0.0, 0.0 if section.panel.bare else section.panel.box[0]
+    below = 0.0
     for symbol, start, stop, row in rows:
         level = bottom - (13 + DIMENSION_ROW * row) * up
         words = f"{symbol} = {short(stop - start)} mm"
@@ -535,11 +519,10 @@ def _lengths(design: Design, section: _SectionLayout) -> list[Mark]:
         elif symbol == "d_1":
             below = DIMENSION_ROW  # d_1 stands beside its own line
             marks.append(Text(stop, level, words, "ink", SMALL, dx=8, dy=4))
-        elif section.panel.at(start, level)[0] - ordinate > text_width(words, SMALL) + 10:
+        elif section.panel.at(start, level)[0] > text_width(words, SMALL) + 10:
             marks.append(Text(start, level, words, "ink", SMALL, "end", dx=-8, dy=4))
-        else:  # in front of its line it would leave the picture; below it stands d_f, or what the abscissa says
-            under = section.panel.bare and not section.whole
-            marks.append(Text(start, level, words, "ink", SMALL, dx=-4, dy=4 + DIMENSION_ROW if under else -4))
+        else:  # in front of its line it would leave the picture; below it may stand d_f
+            marks.append(Text(start, level, words, "ink", SMALL, dx=-4, dy=-4 if section.whole else 4 + DIMENSION_ROW))
     if not apart:
         marks.append(Text(end, bottom, beside, "ink", SMALL, dx=8, dy=17 + below))
     return marks
