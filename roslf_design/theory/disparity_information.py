@@ -383,9 +383,11 @@ def _bessel_quotients(square: Array) -> tuple[Array, Array]:
     near = np.minimum(square, FARTHEST**2)
     node = np.rint(TABLED * np.sqrt(near)).astype(np.intp)
     step = (np.square(node / TABLED) - near) / 2
-    one, two, three, four, five = (table[node] for table in _bessel_tables(int(node.max(initial=1)).bit_length()))
-    first = one + step * (two + step / 2 * (three + step / 3 * four))
-    second = two + step * (three + step / 2 * (four + step / 3 * five))
+    tables = _bessel_tables(int(node.max(initial=1)).bit_length())
+    one, two, three, four, five = (table.take(node, mode="clip") for table in tables)  # no node lies beyond: unchecked
+    half, third = step / 2, step / 3
+    first = one + step * (two + half * (three + third * four))
+    second = two + step * (three + half * (four + third * five))
     if (far := square > near).any():
         from scipy.special import j1, jv
 
