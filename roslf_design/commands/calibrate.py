@@ -142,10 +142,12 @@ def calibrate(
     assert design is not None
     assert output is not None
     sample_size_for(options.accuracy)
+    sheet = as_design(design)
+    check_options(folder=output, title=f"Calibration of {sheet.name}")
     began = time.perf_counter()
     try:
         with status_and_bars("calibrate") as tell:
-            result = calibrated(folder, as_design(design), options, tell)
+            result = calibrated(folder, sheet, options, tell)
     except CalibrationError as error:
         raise refused(error, folder, output) from None
     typed_options = options.model_dump(exclude={"sigma", "posterior"})

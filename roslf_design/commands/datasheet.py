@@ -7,13 +7,23 @@ from typing import Literal
 
 from ..errors import OTHER_PLACE, refusal
 from ..reporting.printers import Paper, render_html, render_pdf
-from ..reporting.sheet.lines import NONE, SpreadSources, datasheet_csv, datasheet_json, datasheet_report
-from ..reporting.story import datasheet_of
+from ..reporting.sheet.lines import (
+    NONE,
+    SpreadSources,
+    datasheet_csv,
+    datasheet_json,
+    datasheet_report,
+    sheet_title,
+    title_written,
+)
+from ..reporting.story import datasheet_of, load_story_or_study
+from ..theory.limits import as_design
 from .report import date_of_making, folder_name
 from .terminal import (
     Distances,
     OptionalOutput,
     check_options,
+    check_page,
     check_target,
     check_typst,
     json_text,
@@ -73,8 +83,11 @@ def datasheet(
     distances = read_distances(at)
     dated = kind == ".pdf" if stamp is None else stamp
     date = f"{date_of_making():%Y-%m-%d}" if dated else NONE
+    if calibration is None and load_story_or_study(Path(design))[0] == "design":
+        _check_sheet(target, kind, sheet_title(as_design(design).name, revision))
     with status_and_bars("datasheet") as progress:
         grounds = datasheet_of(Path(design), seed, progress, calibration, distances)
+        _check_sheet(target, kind, sheet_title(grounds.design.name, revision))
         content = _written(grounds, kind, paper, revision, date)
     if revision != NONE and target.exists() and target.read_bytes() != content:
         raise refusal("output", f"{target} is there; a sheet with a revision is not written over; {OTHER_PLACE}")
@@ -82,10 +95,18 @@ def datasheet(
     say(target)
 
 
+def _check_sheet(target: Path, kind: str, title: str) -> None:
+    """Refuse to write a sheet of a title over one of another design or revision."""
+    if kind in (".pdf", ".html"):
+        check_page(target, title)
+    elif target.is_file() and (held := title_written(target.read_bytes())) != title:
+        raise refusal("output", f"{target} is of {held or 'something else'}; {OTHER_PLACE}")
+
+
 def _written(grounds: SpreadSources, kind: str, paper: Paper, revision: str, date: str) -> bytes:
     if kind == ".json":
         return f"{json_text(datasheet_json(grounds, revision))}\n".encode()
     if kind == ".csv":
-        return datasheet_csv(grounds)
+        return datasheet_csv(grounds, revision)
     page = datasheet_report(grounds, revision, date)
     return render_pdf(page, paper) if kind == ".pdf" else render_html(page).encode()

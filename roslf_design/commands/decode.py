@@ -55,7 +55,7 @@ def decode(
         Folder for pictures, views/, refocus/, decoding.json, tables/ (CSV) and index.html. Default: decoded-IMAGE.
     """
     folder = Path(f"decoded-{re.sub(r'[^A-Za-z0-9._-]+', '-', image.stem) or 'image'}") if output is None else output
-    check_options(None, folder)
+    check_options(None, folder, title=f"Light field of {image.name}")
     began = time.perf_counter()
     with StatusLine("decode") as status:
         try:

@@ -134,11 +134,12 @@ def depth(
     chosen = dict(simulation) | options.model_dump(exclude={"region", "sigma"})
     command = typed("depth", subject, region=region, **chosen, sigma=sigma, output=output)
     if capture:
-        taken = options.complete(piece, parse_sigmas(sigma))
+        taken, title = options.complete(piece, parse_sigmas(sigma)), f"Depth in {Path(subject).name}"
+        check_options(folder=output, title=title)
         with status_and_bars("depth") as tell_all:
             result = captured(Path(subject), taken, tell_all)
         blocks = (*capture_answers(result), *capture_basis(result))
-        _finish(result, f"Depth in {result.source}", blocks, partial(capture_report, result), command, output, json)
+        _finish(result, title, blocks, partial(capture_report, result), command, output, json)
         return
     design, look = as_design(subject), None if simulation.scene is None else load_scene(simulation.scene)
     other = None if simulation.believed is None else as_design(simulation.believed)

@@ -23,11 +23,12 @@ from ..errors import Argument, InputError, Problem, refusal
 from ..evaluation.evaluate import check_evaluation_accuracy
 from ..options import Options
 from ..reporting.calibrate.pages import read_calibration
-from ..reporting.design.compare import comparison_report
+from ..reporting.design.compare import comparison_report, comparison_title
 from ..reporting.design.instrument import instrument_scene
 from ..reporting.printers import render_html, render_pdf, render_tables
 from ..reporting.story import full_report, load_story_or_study, story_report, study_report
 from ..theory.limits import as_design
+from ..toml_files import read_toml
 from .terminal import (
     PAGE,
     Distances,
@@ -144,7 +145,8 @@ def report(
     if solid and (len(names) > 1 or load_story_or_study(Path(design))[0] != "design"):
         raise refusal("figure", "3d and model are of one design; name its file alone")
     folder = Path("report-" + "-".join(map(folder_name, names))) if output is None else output
-    check_options(contents.seed, folder)
+    pages = [PAGE, "report.pdf"][: 1 + pdf]
+    check_options(contents.seed, folder, title=_title(names, compare), pages=pages)
     if pdf:
         check_typst("pdf")
     command = typed(
@@ -219,6 +221,17 @@ def maker(
     if story is not None:
         return partial(story_report, story, seed=seed)
     return partial(study_report, kind, Path(names[0]), seed=seed)
+
+
+def _title(names: Sequence[str], compare: bool) -> str:
+    """Title that the report of these inputs will have, known before any work."""
+    if compare:
+        return comparison_title([as_design(name) for name in names])
+    path = Path(names[0])
+    kind, story = load_story_or_study(path)
+    if story is not None:
+        return story.table.story.title
+    return as_design(names[0]).name if kind == "design" else str(read_toml(path, names[0]).get("name", ""))
 
 
 def folder_name(design: str) -> str:

@@ -222,11 +222,11 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
     Raises
     ------
     InputError
-        A page is in the way, as `_check_page` has it; nothing is written.
+        A page is in the way, as `check_page` has it; nothing is written.
     """
     for name, content in files.items():
         if name.endswith((".html", ".pdf")) and (folder / name).is_file():
-            _check_page(folder / name, _page_title(content))
+            check_page(folder / name, _page_title(content))
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
         (folder / name).parent.mkdir(exist_ok=True)
@@ -250,7 +250,7 @@ def _page_title(content: bytes) -> str | None:
         return None
 
 
-def _check_page(path: Path, title: str | None) -> None:
+def check_page(path: Path, title: str | None) -> None:
     """Refuse to write a page of a title over one of another, or over a PDF that was signed or marked since."""
     content = path.read_bytes() if path.is_file() else b""
     held = _page_title(content)
@@ -273,8 +273,14 @@ def typed(*words: object, **options: object) -> str:
     return printable(shlex.join(parts))
 
 
-def check_options(seed: int | None = None, folder: Path | None = None, *others: Problem, title: str = "") -> None:
-    """Refuse, before any work, options that cannot be had; with the `title` of a page, a folder that has another's.
+def check_options(
+    seed: int | None = None,
+    folder: Path | None = None,
+    *others: Problem,
+    title: str = "",
+    pages: Sequence[str] = (PAGE,),
+) -> None:
+    """Refuse, before any work, options that cannot be had; with the `title` of `pages`, a folder that has others'.
 
     Raises
     ------
@@ -292,7 +298,8 @@ def check_options(seed: int | None = None, folder: Path | None = None, *others: 
     if faults:
         raise InputError(tuple(faults))
     if folder is not None and title:
-        _check_page(folder / PAGE, title)
+        for page in pages:
+            check_page(folder / page, title)
 
 
 def check_target(target: Path, kinds: Sequence[str] = ()) -> str:

@@ -11,6 +11,7 @@ import pytest
 import roslf_design as roslf
 from roslf_design.calibration.options import PlanOptions, planned_lengths
 from roslf_design.camera import Camera
+from roslf_design.commands import report as report_command
 from roslf_design.drawing.marks import Dots
 from roslf_design.evaluation.evaluate import held_to
 from roslf_design.reporting import story
@@ -76,7 +77,8 @@ def test_a_sheet_tells_each_line_with_its_tolerance(tmp_path, capsys, monkeypatc
         assert lines[name]["two_sigma"] == pytest.approx(abs(high - low) / 0.02 * share, rel=0.25), name
     assert lines["width at 199.4 mm (near end)"]["two_sigma"] == pytest.approx(0.0, abs=1e-9)
     with (tmp_path / "a.csv").open() as file:
-        rows = list(csv.DictReader(file))
+        first, second, *rows = csv.DictReader(file)
+    assert [(row["name"], row["text"]) for row in (first, second)] == [("design", told["design"]), ("revision", "–")]
     assert [row["name"] for row in rows] == [line["name"] for line in told["lines"]]
     assert float(rows[0]["value"]) == told["specification"]["field_of_view_deg"][0]["diagonal"]
 
@@ -539,13 +541,42 @@ def test_what_is_of_another_design_or_signed_is_not_written_over(tmp_path, capsy
         assert code == 0 or (tmp_path / name).read_bytes() == before
         return code
 
-    for name in ("draft.html", "draft.pdf"):
+    for name in ("draft.html", "draft.pdf", "draft.json", "draft.csv"):
         assert [again(design, name) for design in ("paper", "paper", "rigid-scope")] == [0, 0, 2]
     with (tmp_path / "draft.pdf").open("ab") as signed:
         signed.write(b"1 0 obj\nendobj\n%%EOF\n")  # as programs that sign a PDF, or mark it, add to its end
     assert again("paper", "draft.pdf") == 2
-    assert [again("paper", "a.html", "--revision", each) for each in "AAB"] == [0, 0, 2]
-    assert again("paper", "a.html") == 2
+    for kind in ("html", "json", "csv"):
+        assert [again("paper", f"a.{kind}", "--revision", each) for each in "AAB"] == [0, 0, 2]
+        assert again("paper", f"a.{kind}") == 2
+    for kind in ("json", "csv"):
+        (tmp_path / f"other.{kind}").write_text('{"a": 1}' if kind == "json" else "a,b\n1,2\n")
+        assert again("paper", f"other.{kind}") == 2
+
+
+def test_another_s_page_is_refused_before_any_work(tmp_path, capsys, monkeypatch):
+    """A report, and a sheet of a design, were made to the end before their place was looked at."""
+
+    def worked(*_, **__):
+        raise AssertionError("worked")
+
+    for place in (report_command, story):
+        for name in ("full_report", "study_report", "comparison_report", "basis"):
+            monkeypatch.setattr(place, name, worked, raising=False)
+    (tmp_path / "index.html").write_text("<title>rigid 4 mm scope</title>")
+    (tmp_path / "study.toml").write_text(STUDY)
+    (tmp_path / "sheet.json").write_text("{}")
+    for words in (
+        ("report", "paper", "-o", tmp_path),
+        ("report", tmp_path / "study.toml", "-o", tmp_path),
+        ("report", "--compare", "paper", "rigid-scope", "-o", tmp_path),
+        ("report", "studies/story-otoscope/story.toml", "-o", tmp_path),
+        ("datasheet", "paper", "-o", tmp_path / "index.html"),
+        ("datasheet", "paper", "-o", tmp_path / "sheet.json"),
+    ):
+        code, _, err = run(capsys, *words)
+        assert code == 2
+        assert re.search(r"is of (rigid 4 mm scope|something else); delete it or choose another place", err)
 
 
 def test_a_folder_of_another_study_is_refused_before_any_work(tmp_path, capsys):

@@ -27,6 +27,11 @@ LETTERS = "ABC"
 """Letters that designs go by; as many as fit beside each other."""
 
 
+def comparison_title(designs: Sequence[Design]) -> str:
+    """Title of a comparison: its designs by their letters."""
+    return ", ".join(f"{letter}: {design.name}" for letter, design in zip("ABC", designs, strict=False))
+
+
 def comparison_report(
     designs: Sequence[Design],
     *,
@@ -58,8 +63,7 @@ def comparison_report(
         Section("Depth", (depth,)),
         making(command, (), stamp),
     )
-    title = ", ".join(f"{letter}: {design.name}" for letter, design in named.items())
-    return Report(title, "Designs side by side; ≠ marks what differs.", sections)
+    return Report(comparison_title(designs), "Designs side by side; ≠ marks what differs.", sections)
 
 
 def _figures(named: dict[str, Design], results: Sequence[Evaluation]) -> tuple[tuple[Figure, ...], Figure, Figure]:

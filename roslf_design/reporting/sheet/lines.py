@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import io
+import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -62,6 +65,8 @@ if TYPE_CHECKING:
     from ...tolerancing.summaries import Variant
 
 SCHEMA = "roslf.datasheet/1"
+CSV_KEYS = ("subject", "name", "value", "unit", "two_sigma", "calibration_two_sigma", "text", "remark")
+"""Columns of a sheet as CSV."""
 SIGMAS = 2.0
 KINK = 1e-6
 """Part of the builds' spread below which derivatives have missed it."""
@@ -79,7 +84,7 @@ SMALL = 0.1
 """Length below which micrometres are printed, as `words.length` has them [mm]."""
 NO_DISTORTION = 0.01
 """Distortion below which no cause is named [%]."""
-PARTS, REQUIRED = "parts", "Required"
+PARTS, REQUIRED, HEAD = "parts", "Required", "This sheet"
 HALF_PAGE = 520.0
 """Height up to which a drawing leaves room for another on its page [px]."""
 NONE = "–"
@@ -654,6 +659,23 @@ def datasheet_section(grounds: SpreadSources) -> Section:
     return Section("Data sheet", tuple(blocks))
 
 
+def sheet_title(name: str, revision: str) -> str:
+    """Title of a sheet: its design's name, and the revision where it has one."""
+    return name if revision == NONE else f"{name}, revision {revision}"
+
+
+def title_written(content: bytes) -> str:
+    """Title of a sheet that was written as JSON or CSV; empty of anything else."""
+    try:
+        if content.startswith(b"{"):
+            return sheet_title(*map(json.loads(content).__getitem__, ("design", "revision")))
+        rows = csv.reader(io.StringIO(content.decode()))
+        head = {row[1]: row[CSV_KEYS.index("text")] for row in rows if row[:1] == [HEAD]}
+        return sheet_title(head["design"], head["revision"])
+    except (KeyError, IndexError, ValueError, csv.Error):
+        return ""
+
+
 def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = NONE) -> Report:
     """The page alone: which design in which revision, its drawing, the lines, fields to sign."""
     design, section = grounds.design, datasheet_section(grounds)
@@ -664,15 +686,14 @@ def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = N
     elif views:
         drawn.append(depth_figure(design, known))
     blocks = (sheet_head(design, revision, date), *section.blocks, signatures(), *drawn)
-    title = design.name if revision == NONE else f"{design.name}, revision {revision}"
-    return Report(title, design.source, (Section(section.title, blocks),))
+    return Report(sheet_title(design.name, revision), design.source, (Section(section.title, blocks),))
 
 
 def sheet_head(design: Design, revision: str, date: str) -> Table:
     """Which design in which revision a page to sign is of, and of what day."""
     about = f"{_fingerprint(design)} (sha256 of the design as roslf writes it)"
     head = (("design", design.name), ("revision", revision), ("hash of the design", about), ("date", date))
-    return Table(head, "ll", title="This sheet", dense=True, widths=(24, 0))
+    return Table(head, "ll", title=HEAD, dense=True, widths=(24, 0))
 
 
 def signatures() -> Table:
@@ -724,7 +745,8 @@ def datasheet_json(grounds: SpreadSources, revision: str = NONE) -> dict[str, An
     return {**head, "lines": rows, "depth_by_lengths": depths, "specification": grounds.sheet.to_dict()}
 
 
-def datasheet_csv(grounds: SpreadSources) -> bytes:
-    """The lines as a table that spreadsheets read."""
-    keys = ("subject", "name", "value", "unit", "two_sigma", "calibration_two_sigma", "text", "remark")
-    return csv_bytes([keys, *([line[key] for key in keys] for line in datasheet_json(grounds)["lines"])])
+def datasheet_csv(grounds: SpreadSources, revision: str = NONE) -> bytes:
+    """The lines as a table that spreadsheets read, after rows on which sheet it is."""
+    data = datasheet_json(grounds, revision)
+    head = [{"subject": HEAD, "name": name, "text": data[name]} for name in ("design", "revision")]
+    return csv_bytes([CSV_KEYS, *([line.get(key) for key in CSV_KEYS] for line in (*head, *data["lines"]))])
