@@ -16,7 +16,7 @@ from ..bore.conjugates import CONJUGATES
 from ..design import PATHS, Design
 from ..errors import InputError, one_line, refusal
 from ..reporting.sweep import sweep_picture
-from ..theory.limits import as_design
+from ..theory.limits import as_design, limits
 from ..theory.sweep import sweep as compute
 from ..theory.sweep import unit_of
 from ..units import read_quantity
@@ -94,7 +94,7 @@ def sweep(
     notes = list(_notes(swept, loaded))
     if not swept.valid.any():
         raise refusal("set", f"nothing between can be drawn: {'; '.join(notes)}")
-    write_files(target.parent, {target.name: _written(swept, kind, loaded.name, notes)})
+    write_files(target.parent, {target.name: _written(swept, kind, loaded, notes)})
     say(target)
     for note in notes:
         say(f"roslf: {one_line(note)}", error=True)
@@ -137,9 +137,9 @@ def _span(text: str, count: int) -> tuple[str, Array]:
     return place, np.linspace(ends[0], ends[1], count)
 
 
-def _written(swept: Sweep, kind: str, name: str, notes: list[str]) -> bytes:
+def _written(swept: Sweep, kind: str, design: Design, notes: list[str]) -> bytes:
     if kind in (".png", ".svg"):
-        picture = sweep_picture(swept, name, notes)
+        picture = sweep_picture(swept, design.name, notes, limits(design))
         return picture.to_png() if kind == ".png" else picture.svg_file()
     if kind == ".parquet":
         import pyarrow

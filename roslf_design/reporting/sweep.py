@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from ..drawing.marks import Area, Dots, Image, Key, Line, Mark, box_key, contours, dot_key, line_key, parted
+from ..drawing.marks import Area, Dots, Image, Key, Line, Mark, Text, box_key, contours, dot_key, line_key, parted
 from ..drawing.panel import Panel, Scale, colour_bar, named_ticks
 from ..drawing.picture import PAGE, Picture, beside, one_panel
+from ..theory.limits import Limits
 from ..theory.quantities import in_words
 from ..theory.sweep import Sweep
 from ..words import number
@@ -18,20 +19,39 @@ TALL = 230.0
 """Height of each panel [px]."""
 LINES = 6
 """Lines of equal values on a map, about."""
+OWN, REQUIRED = ("vermillion", 1.2, "6 3"), ("orange", 2.0, "9 3")
+"""Looks of the lines at the design's own value, and at limits."""
 DECADES = 10.0
 """Largest value, over the middle one, from which shades are those of logarithms."""
 
 
-def sweep_picture(swept: Sweep, design: str, notes: Iterable[str] = ()) -> Picture:
+def sweep_picture(swept: Sweep, design: str, notes: Iterable[str] = (), required: Sequence[Limits] = ()) -> Picture:
     """A panel a quantity, one below the other, as far as there are values; gaps and grey where some are missing.
 
-    Above stands whose they are and where they are asked for, below them `notes`, as on what is missing.
+    Above stands whose they are and where they are asked for, below them one legend and `notes`, as on what is missing.
+    Limits that are `required` there are lines with their values.
     """
     shown = _known_part(swept)
     where = "" if swept.at is None else f", {number(swept.at, 4)} mm ahead of the tip"
-    pictures = [_panel(shown, name, "" if index else f"{design}{where}") for index, name in enumerate(shown.values)]
+    pictures, keys = [], {}  # type: list[Picture], dict[str, Key]
+    for name in shown.values:
+        ends = _ends(swept, name, required)
+        picture, own = _panel(shown, name, "" if pictures else f"{design}{where}", ends)
+        pictures.append(picture)
+        keys |= {key.text: key for key in own}
     title = f"{', '.join(map(in_words, swept.values))} of {design} over {' and '.join(swept.places)}{where}"
-    return beside("sweep", title, pictures, [Key(in_words(note), ()) for note in notes], down=True)
+    return beside("sweep", title, pictures, [*keys.values(), *(Key(in_words(note), ()) for note in notes)], down=True)
+
+
+def _ends(swept: Sweep, name: str, required: Sequence[Limits]) -> list[tuple[float, str]]:
+    """Limits of a quantity where it is swept, each with its words."""
+    return [
+        (end, f"{word} {number(end, 4)} {swept.units[name]}".rstrip())
+        for asked, quantity, low, high in required
+        if quantity.name == name and (quantity.at == "never" or asked.at == swept.at)
+        for word, end in (("at least", low), ("at most", high))
+        if end is not None
+    ]
 
 
 def _known_part(swept: Sweep) -> Sweep:
@@ -49,26 +69,36 @@ def _label(name: str, unit: str) -> str:
     return f"{in_words(name)} [{unit}]" if unit else in_words(name)
 
 
-def _panel(swept: Sweep, name: str, title: str) -> Picture:
+def _panel(swept: Sweep, name: str, title: str, ends: list[tuple[float, str]]) -> tuple[Picture, list[Key]]:
     values, unit = swept.values[name], swept.units[name]
     known = values[np.isfinite(values)]
     (place, x), *second = swept.places.items()
     across = Scale(float(x.min()), float(x.max())) if np.ptp(x) > 0 else Scale.around(x)
     label = _label(place, swept.units[place])
     within = all(axis.min() <= at <= axis.max() for axis, at in zip(swept.places.values(), swept.own, strict=True))
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    room = 0.0 if second else max(high - low, abs(high) / 4)  # a limit farther off would leave a curve flat
+    near = [(end, words) for end, words in ends if low - room <= end <= high + room]
+    keys = [
+        Key(f"required: {in_words(name)} {words}, {'above' if end > high else 'below'} all that is shown", ())
+        for end, words in ends
+        if not low - room <= end <= high + room
+    ]
     if not second:
         shown = np.where(np.isfinite(values), values, np.nan)
         there = np.pad(np.isfinite(shown), 1)
         lone = there[1:-1] & ~there[:-2] & ~there[2:]  # no line goes to a neighbour
-        up = Scale.around(known)
-        look = "vermillion", 1.2, "6 3"
-        here: list[Mark] = [Line([swept.own[0]] * 2, [up.low, up.high], *look, testid="own")] if within else []
+        up = Scale.around([*known, *(end for end, _ in near)])
+        here: list[Mark] = [Line([swept.own[0]] * 2, [up.low, up.high], *OWN, testid="own")] if within else []
+        keys += [line_key("the design", *OWN)] if within else []
+        for end, words in near:
+            here.append(Line([across.low, across.high], [end, end], *REQUIRED, testid="required"))
+            here.append(Text(across.high, end, words, anchor="end", dx=-6.0, dy=-5.0, plate=True))
+        keys += [line_key("required", *REQUIRED)] if near else []
         drawn = (*here, Line(x, shown, "blue", 2.0), Dots(x[lone], shown[lone], "blue", size=3.0))
         panel = Panel((0, 0, 1, 1), across, up, drawn, label, _label(name, unit), title)
-        keys = [line_key("the design", *look)] if within else []
-        return one_panel(f"sweep-{name}", name, (PAGE, TALL), panel, keys, left=72, top=32 if title else 14)
+        return one_panel(f"sweep-{name}", name, (PAGE, TALL), panel, left=72, top=32 if title else 14), keys
     other, y = second[0]
-    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     high = high if high > low else low + 1.0
     up = Scale(float(y.min()), float(y.max())) if np.ptp(y) > 0 else Scale.around(y)
     steps = [(scale.high - scale.low) / max(1, len(v) - 1) / 2 for scale, v in ((across, x), (up, y))]
@@ -78,7 +108,11 @@ def _panel(swept: Sweep, name: str, title: str) -> Picture:
     shades = Image(across_shades.share(np.where(np.isfinite(values), values, low)).T, box, "blue", 0.0, 1.0)
     levels = named_ticks(across_shades.ticks(LINES))
     marks: list[Mark] = [shades, *(contours(values.T, x, y, levels) if min(values.shape) > 1 else ())]
-    keys = [box_key("no camera, or no finite value", "grey", 0.9)] if not np.isfinite(values).all() else []
+    for mark in contours(values.T, x, y, near) if min(values.shape) > 1 else ():
+        colour, width, dash = REQUIRED
+        marks.append(replace(mark, colour=colour, width=width, dash=dash) if isinstance(mark, Line) else mark)
+        keys += [line_key("required", *REQUIRED)]
+    keys += [box_key("no camera, or no finite value", "grey", 0.9)] if not np.isfinite(values).all() else []
     none = np.argwhere(~np.isfinite(values))
     if none.size:
         middle = np.stack([x[none[:, 0]], y[none[:, 1]]], -1)
@@ -88,7 +122,5 @@ def _panel(swept: Sweep, name: str, title: str) -> Picture:
         marks.append(Dots(swept.own[:1], swept.own[1:], "vermillion", size=6, edge="ground", width=2, testid="own"))
         keys.append(dot_key("the design", "vermillion", size=6))
     panel = Panel((0, 0, 1, 1), across, up, tuple(marks), label, _label(other, swept.units[other]), title, grid="")
-    picture = one_panel(
-        f"sweep-{name}", name, (PAGE, TALL + 60), panel, keys, left=72, right=110, top=32 if title else 14
-    )
-    return picture.with_panels(colour_bar(picture.panels[0], low, high, "blue", _label(name, unit), log))
+    picture = one_panel(f"sweep-{name}", name, (PAGE, TALL + 60), panel, left=72, right=110, top=32 if title else 14)
+    return picture.with_panels(colour_bar(picture.panels[0], low, high, "blue", _label(name, unit), log)), keys

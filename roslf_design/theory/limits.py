@@ -15,7 +15,7 @@ from ..toml_files import parse_toml, read_toml
 from .quantities import quantity_named
 from .quantity import Quantity
 
-_Limits = tuple[Required, Quantity, float | None, float | None]
+Limits = tuple[Required, Quantity, float | None, float | None]
 """Limits that a file states, as it states them and read: the quantity, the least and the largest value."""
 
 
@@ -46,7 +46,7 @@ def _with_all_faults(read: Callable[[], Design], values: Callable[[], Mapping[st
         raise DesignError(tuple(dict.fromkeys((*error.problems, *asked))), error.origin) from None
 
 
-def limits(design: Design, origin: str = "") -> list[_Limits]:
+def limits(design: Design, origin: str = "") -> list[Limits]:
     """Quantities and limits that a design requires, in the order of its file.
 
     Raises
@@ -60,9 +60,9 @@ def limits(design: Design, origin: str = "") -> list[_Limits]:
     return read
 
 
-def _read(required: Iterable[Required]) -> tuple[list[_Limits], list[Problem]]:
+def _read(required: Iterable[Required]) -> tuple[list[Limits], list[Problem]]:
     """Limits that can be read, and the faults of others."""
-    read: list[_Limits] = []
+    read: list[Limits] = []
     problems = []
     for asked in required:
         key = f"required.{asked.quantity}"

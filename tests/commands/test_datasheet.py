@@ -12,7 +12,7 @@ import roslf_design as roslf
 from roslf_design.calibration.options import PlanOptions, planned_lengths
 from roslf_design.camera import Camera
 from roslf_design.commands import report as report_command
-from roslf_design.drawing.marks import Dots
+from roslf_design.drawing.marks import Dots, Line, Text
 from roslf_design.evaluation.evaluate import held_to
 from roslf_design.reporting import story
 from roslf_design.reporting.blocks import Report
@@ -20,6 +20,7 @@ from roslf_design.reporting.sheet import lines as datasheet
 from roslf_design.reporting.sheet.lines import DEPTH, EXPECTED, datasheet_section
 from roslf_design.reporting.sweep import sweep_picture
 from roslf_design.theory.depth_budget import depth_budget
+from roslf_design.theory.limits import limits
 from tests.commands.test_cli import run
 from tests.reporting.made import rough_resolution, views_as_refocused
 
@@ -463,6 +464,25 @@ def test_a_sweep_marks_the_design_where_it_is_among_what_is_swept():
             own = [mark for mark in panel.marks if getattr(mark, "testid", "") == "own"]
             assert [float(mark.x[0]) for mark in own] == [120.0] * marked
             assert [float(mark.y[0]) for mark in own if more] == [2.9] * (marked and bool(more))
+
+
+def test_a_sweep_has_one_legend_and_the_limits_of_its_design():
+    asked = {"u_z_mm": [{"max": 0.2}, {"at": 15.0, "max": 0.05}], "field_of_view_deg": {"min": 60.0, "max": 170.0}}
+    design = roslf.load("rigid-scope").replace({"required": asked})
+    places, names = {"d_3": np.linspace(0.0, 5.0, 11)}, ["fill_factor", "u_z_mm", "field_of_view_deg"]
+    picture = sweep_picture(roslf.sweep(design, places, names), "scope", required=limits(design))
+    told = ["the design", "required", "required: field of view, full at most 170 deg, above all that is shown"]
+    assert [key.text for key in picture.keys] == told
+    drawn = [[mark for mark in panel.marks if getattr(mark, "testid", "") == "required"] for panel in picture.panels]
+    assert [[float(mark.y[0]) for mark in marks] for marks in drawn[:3]] == [[], [0.2], [60.0]]
+    words = [mark.text for panel in picture.panels for mark in panel.marks if isinstance(mark, Text)]
+    assert {"at most 0.2 mm", "at least 60 deg"} <= {*words}
+    grid = sweep_picture(
+        roslf.sweep(design, places | {"D_F": [0.2, 0.3]}, names[1:2]), "scope", required=limits(design)
+    )
+    (line,) = (mark for mark in grid.panels[0].marks if isinstance(mark, Line) and mark.colour == "orange")
+    swept = Camera.of(design, {"d_3": line.x[np.isfinite(line.x)], "D_F": line.y[np.isfinite(line.x)]})
+    assert roslf.quantity("u_z_mm")(swept) == pytest.approx(0.2, rel=0.02)
 
 
 def test_a_sweep_says_which_length_follows(tmp_path, capsys):
