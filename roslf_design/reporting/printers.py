@@ -11,6 +11,7 @@ import io
 import json
 import re
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 Paper = Literal["a4", "letter"]
 PAGES = {"a4": "a4", "letter": "us-letter"}
 """Paper sizes by typst's names."""
+LEAST_END = 1 / 3
+"""Share of the last page from which it is no nearly empty one."""
 LEAST_SHARE, CLEARANCE, MOST_TRIED, MOST_ABOVE = 0.72, 28.0, 16, 24.0
 """Share of its size down to which a figure is drawn so that a page is filled; room above it [pt]; figures tried;
 room more above a block so that the foot of its page is not left empty [pt]."""
@@ -111,10 +114,11 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
         fitting: set[str] = set()
         late: set[str] = set()
         shares: dict[str, float] = {}
+        tight = len(sections)
         known: dict[str, list[dict[str, Any]]] = {}
 
         def laid_out(shares: Mapping[str, float], *places: Mapping[str, float]) -> str:
-            choice = json.dumps([shares, sorted(fitting), sorted(late), *(places or ({}, {}))])
+            choice = json.dumps([tight, shares, sorted(fitting), sorted(late), *(places or ({}, {}))])
             (root / "figures.json").write_text(choice, encoding="utf-8")
             return choice
 
@@ -131,6 +135,10 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
             fitting &= _fitting(spots(shares))
             while more := _above(spots(shares)) - late:
                 late |= more
+        usual = spots(shares)
+        tight = _tight(usual, len(sections))
+        if max(at["page"] for at in spots(shares)) == max(at["page"] for at in usual):
+            tight = len(sections)
         laid_out(shares, _rooms_above(spots(shares)), _parted(spots(shares)))
         return _packed(typeset(pages, timestamp=0, root=root))
 
@@ -176,6 +184,7 @@ def _behind_a_gap(
     placed: Sequence[Mapping[str, Any]], shares: Mapping[str, float], tried: Container[str]
 ) -> tuple[str, dict[str, float]] | None:
     """First figure that begins a page, behind those of the page before, and shares at which all stand there."""
+    broken = {name for name, count in Counter(at["name"] for at in placed if at["drawn"]).items() if count > 1}
     for end in sorted((at for at in placed if at["image"]), key=lambda at: (at["page"], at["y"])):
         above = [at for at in placed if at["kind"] in ENDS and at["page"] == end["page"] and 0 < at["y"] < end["y"]]
         first = all(at["name"] == end["name"] for at in above)
@@ -185,7 +194,12 @@ def _behind_a_gap(
         filled = max((at["y"] for at in before if at["kind"] == "flow"), default=end["foot"])
         foot = min([end["foot"], *(at["y"] for at in before if at["kind"] == "begin" and at["y"] > filled)])
         missing = end["y"] + CLEARANCE - (foot - filled)
-        figures = [(at["drawn"], at["name"], shares.get(at["name"], 1.0)) for at in (*before, end) if at["drawn"]]
+        # What may go over pages needs no shrinking.
+        figures = [
+            (at["drawn"], at["name"], shares.get(at["name"], 1.0))
+            for at in (*before, end)
+            if at["drawn"] and at["name"] not in broken
+        ]
         for share in np.linspace(1.0, LEAST_SHARE, 51):  # those that are small already lessen no further
             smaller = {name: max(own * float(share), LEAST_SHARE) for _, name, own in figures}
             if sum(drawn * (1 - smaller[name] / own) for drawn, name, own in figures) >= missing:
@@ -206,6 +220,15 @@ def _rooms_above(placed: Sequence[Mapping[str, Any]]) -> dict[str, float]:
             gap = min(at["foot"] - at["y"] for at in here) - 2
             rooms |= {name: min(gap / len(tops), MOST_ABOVE) for name in tops if gap > 0}
     return rooms
+
+
+def _tight(placed: Sequence[Mapping[str, Any]], count: int) -> int:
+    """Number of the first of `count` sections that may do with less room, so that the last page, nearly empty, goes."""
+    last = max(at["page"] for at in placed)
+    if max(at["y"] / at["foot"] for at in placed if at["page"] == last) > LEAST_END:
+        return count
+    begun = (int(at["name"]) for at in placed if at["kind"] == "top" and at["name"].isdigit() and at["page"] > last - 4)
+    return min(begun, default=count)
 
 
 def _parted(placed: Iterable[Mapping[str, Any]]) -> dict[str, int]:

@@ -478,7 +478,7 @@ def test_a_sweep_has_one_legend_and_the_limits_of_its_design():
     words = [mark.text for panel in picture.panels for mark in panel.marks if isinstance(mark, Text)]
     assert {"at most 0.2 mm", "at least 60 deg"} <= {*words}
     grid = sweep_picture(
-        roslf.sweep(design, places | {"D_F": [0.2, 0.3]}, names[1:2]), "scope", required=limits(design)
+        roslf.sweep(design, places | {"D_F": np.linspace(0.2, 0.3, 11)}, names[1:2]), "scope", required=limits(design)
     )
     (line,) = (mark for mark in grid.panels[0].marks if isinstance(mark, Line) and mark.colour == "orange")
     swept = Camera.of(design, {"d_3": line.x[np.isfinite(line.x)], "D_F": line.y[np.isfinite(line.x)]})

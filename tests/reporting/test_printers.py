@@ -170,6 +170,16 @@ def test_what_a_foot_would_leave_empty_stands_between_blocks(tmp_path, monkeypat
     assert more == {"0": printers.MOST_ABOVE}
 
 
+def test_no_page_is_left_with_a_few_lines_where_less_room_between_blocks_will_do(tmp_path, monkeypatch):
+    few = Table((("a", "1"), ("b", "2")), "ll", title="Few")
+    sections = tuple(Section(f"Part {n}", (few,)) for n in range(9))
+    last = Section("Last", (Code("\n".join(f"line {n}" for n in range(5))),))
+    report = Report("title", "", (*sections, last))
+    assert len(pages(report, tmp_path)) == 1
+    monkeypatch.setattr(printers, "_tight", lambda placed, count: count)
+    assert len(pages(report, tmp_path)) == 2
+
+
 def test_a_tall_table_of_few_rows_goes_over_pages(tmp_path):
     """Seven rows of several lines each left a third of a page empty."""
     rows = tuple((f"row{n}", "words that go on and on " * 12) for n in range(7))
