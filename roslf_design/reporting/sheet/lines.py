@@ -677,7 +677,7 @@ def title_written(content: bytes) -> str:
 
 
 def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = NONE) -> Report:
-    """The page alone: which design in which revision, its drawing, the lines, fields to sign."""
+    """The sheet alone: which design in which revision, on every page, fields to sign, the lines, its drawings."""
     design, section = grounds.design, datasheet_section(grounds)
     drawn = [dimensions_sheet(design)]
     views, known = grounds.sheet.has_views, grounds.known
@@ -685,8 +685,10 @@ def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = N
         drawn = [glance(design, views, known), *drawn]
     elif views:
         drawn.append(depth_figure(design, known))
-    blocks = (sheet_head(design, revision, date), *section.blocks, signatures(), *drawn)
-    return Report(sheet_title(design.name, revision), design.source, (Section(section.title, blocks),))
+    head = sheet_head(design, revision, date)
+    blocks = (head, signatures(), *section.blocks, *drawn)
+    which = ", ".join(f"{what} {value.split()[0]}" for what, value in head.rows[1:] if value != NONE)
+    return Report(sheet_title(design.name, revision), design.source, (Section(section.title, blocks),), f"{design.name}; {which}")
 
 
 def sheet_head(design: Design, revision: str, date: str) -> Table:
