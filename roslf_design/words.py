@@ -97,11 +97,6 @@ def on_side(value: float, up: bool, digits: int = 5) -> str:
     return number(whole * step, digits)
 
 
-def tidy(value: float) -> str:
-    """A number that is about right, to two digits, but all of those before the point: "0.13", "130"."""
-    return f"{value:.0f}" if abs(value) >= 10 else f"{value:.2g}"
-
-
 def about_time(seconds: float) -> str:
     """A time that is about right, as people write it: "8 s", "41 s", "3 min", "1 h 20 min"."""
     if seconds < 89.5:

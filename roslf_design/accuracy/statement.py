@@ -7,7 +7,6 @@ from numbers import Real
 from typing import Any
 
 from ..errors import refusal
-from ..words import tidy
 
 LEAST = 1e-15
 
@@ -92,5 +91,5 @@ class Accuracy:
         if self.model:
             words += f"; {self.model}"
         if times and self.seconds is not None:
-            words += f"; {tidy(self.seconds)} s"
+            words += f"; {self.seconds:{'.0f' if self.seconds >= 10 else '.2g'}} s"
         return words + ("" if self.kept in (None, True) else ". Not met: see the expected and the measured error")

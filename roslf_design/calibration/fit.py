@@ -513,7 +513,8 @@ def _fit_statistics(
         fit = settle(statistics.linear, camera, poses, names, far=_FAR)
         if not fit.done:
             raise CalibrationError("the fit of the camera does not settle: the boards' views hardly determine it")
-        camera, poses, change = fit.camera, fit.poses, _scatter(fit.linear)
+        camera, poses = fit.camera, fit.poses
+        change = np.nan_to_num(leftover(fit.linear).scales(_FAR), nan=1.0)[[0, 0, 1]]  # of u, v and slope
         statistics, scales = replace(statistics, sigma=statistics.sigma * change), scales * change
         if np.abs(change - 1).max() < 0.01:
             break
@@ -562,12 +563,6 @@ def leftover(linear: Linear) -> Leftover:
     taken = np.square(basis).sum(axis=1).reshape(off.shape) + np.square(free.own).sum(axis=-1)
     used = (linear.own != 0).any(axis=-1)
     return Leftover(np.where(used, off, 0.0), np.where(used, 1.0 - taken, 0.0))
-
-
-def _scatter(linear: Linear) -> Array:
-    """Scatter of u, v and slope over their standard deviations."""
-    place, slope = np.nan_to_num(leftover(linear).scales(_FAR), nan=1.0)
-    return np.array([place, place, slope])
 
 
 # --- least squares with one pose a board ------------------------------------------------------------------------------

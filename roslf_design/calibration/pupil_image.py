@@ -88,7 +88,8 @@ class PupilImage:
 
     def neighbours(self) -> Array:
         """Microlenses around one, itself first [pitches], shape (m, 2)."""
-        places = _whole_numbers(2 * RINGS) @ self.axes.T
+        side = np.arange(-2 * RINGS, 2 * RINGS + 1.0)
+        places = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2) @ self.axes.T
         distance = np.abs(places).max(axis=1)
         near = distance < RINGS + 0.5
         return np.asarray(places[near][np.argsort(distance[near], kind="stable")])
@@ -139,12 +140,6 @@ def _pile(power: float) -> tuple[tuple[float, float], ...]:
     nodes, weights = np.polynomial.legendre.leggauss(_PILED)
     sizes = (1 + nodes) / 2
     return tuple(zip(sizes.tolist(), (weights / 2 * power * sizes ** (power - 1)).tolist(), strict=True))
-
-
-def _whole_numbers(most: int) -> Array:
-    """All pairs of whole numbers up to `most` either way, shape (n, 2)."""
-    side = np.arange(-most, most + 1.0)
-    return np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
 
 
 def _reading(frequency: Array) -> Array:

@@ -124,7 +124,8 @@ def sharp_disparities(field: LightField, views: int = _VIEWS) -> Array:
     sharpness = np.array([_sharpness(*field.refocused(-float(b) / field.pitch, every)) for b in tried])
     mostly = np.median(sharpness, axis=0)
     votes = sharpness.max(axis=0) - mostly
-    votes[(votes < _STANDS_OUT * mostly) | (sharpness.max(axis=0) < _FAINT**2 * _power(field))] = 0
+    power = _in_parts(np.square(field.view(), dtype=float) * (field.view_weight() > 0))
+    votes[(votes < _STANDS_OUT * mostly) | (sharpness.max(axis=0) < _FAINT**2 * power)] = 0
     low, high = -2 * step, 2 * step
     if votes.sum() > 0:
         best = tried[sharpness.argmax(axis=0)]
@@ -133,11 +134,6 @@ def sharp_disparities(field: LightField, views: int = _VIEWS) -> Array:
         low, high = (float(best[order][np.searchsorted(share, at)]) for at in (_SHARE, 1 - _SHARE))
         low, high = low - _STEP, high + _STEP
     return np.linspace(low, high, PLANES)
-
-
-def _power(field: LightField) -> Array:
-    """Sum of squared values in each part of the middle view, shape (parts,)."""
-    return _in_parts(np.square(field.view(), dtype=float) * (field.view_weight() > 0))
 
 
 def _sharpness(values: Samples, weight: Samples) -> Array:

@@ -297,12 +297,9 @@ class Camera(Symbols[Number]):
         shown = ", ".join(
             f"{symbol}={value:.6g}" if np.ndim(value) == 0 else f"{symbol}=array{np.shape(value)}"
             for symbol, place in PATHS.items()
-            for value in [self._symbol(symbol, place)]
+            for value in [self.ruler.D_F if symbol == "D_F" else self.q if symbol == "q" else self[place]]
         )
         return f"Camera({shown})"
-
-    def _symbol(self, symbol: str, place: str) -> Number:
-        return self.ruler.D_F if symbol == "D_F" else self.q if symbol == "q" else self[place]
 
     def plane(self, z: Number) -> ImagedPlane:
         """The plane at z before the main lens [mm, with a ruler], as the main lens sees it."""

@@ -87,12 +87,14 @@ def design_problems(
         faulty = (f"{problem.key}." for problem in problems)
         return not any(f"{place}.".startswith(key) or key.startswith(f"{place}.") for key in faulty)
 
+    # Where light meets more than air and the main lens, conjugates are told once every element can be read.
+    refracts = any(at(data, place) for place in REFRACTING)
     stops = data.get("stops")
     further = [f"stops.{index}" for index, _ in enumerate(stops if isinstance(stops, (list, tuple)) else ())]
     given = {
         place: at(data, place)
         for place in checked_places(("aperture", *further))
-        if readable(place) and not (place in (PLANE, DISTANCE) and _refracts(data))
+        if readable(place) and not (place in (PLANE, DISTANCE) and refracts)
     }
     values = {
         place: None if value is None else read_quantity(value, "length", unit_required=from_file)
@@ -104,11 +106,6 @@ def design_problems(
     turned = at(data, "main_lens.reversed") is True
     lens = main_lens_kind(read_prescription(at(data, "main_lens.prescription"), folder), turned)
     return (*problems, *cross_check(values, lens, turned=turned))
-
-
-def _refracts(data: Mapping[str, Any]) -> bool:
-    """Whether light meets more than air and the main lens; conjugates are then told once every element can be read."""
-    return any(at(data, place) for place in REFRACTING)
 
 
 def _between(

@@ -216,10 +216,6 @@ def _rimless(c: Camera) -> Camera:
     return c.replace({place: math.inf for rim in c.rims for place in rim.size_places})
 
 
-def _untilted(design: Design) -> dict[str, Any]:
-    return {f"{place}.tilt": (0.0, 0.0) for place in _movable(design)}
-
-
 def _undecentred(design: Design) -> dict[str, Any]:
     """Centred parts; what tilted and wedged elements do is shift what is seen through them."""
     values = {f"{place}.decentre": (0.0, 0.0) for place in _movable(design)}
@@ -244,5 +240,7 @@ COS4 = Effect("cos4", "cos^4 fall-off", "intensity", cos4)
 MLA_ROTATION = Effect(
     "mla_rotation", "MLA rotation", "px", _mla_rotation, straight=lambda design: {"microlens_array.rotation": 0.0}
 )
-TILTS = Effect("tilts", "Tilts", "px", _tilts, straight=_untilted)
+TILTS = Effect(
+    "tilts", "Tilts", "px", _tilts, straight=lambda design: {f"{place}.tilt": (0.0, 0.0) for place in _movable(design)}
+)
 DECENTRES = Effect("decentres", "Decentres", "px", _decentres, straight=_undecentred)

@@ -67,7 +67,9 @@ class ExactOpenings:
             None where a stop is more than one upright opening (tilts, wedges, real lenses, the barrels of rods), or
             where rays to its edge are lost.
         """
-        if camera.chain.in_air or camera.tilted or not _upright(camera):
+        wedged = any(np.any(value) for place, value in camera.numbers.items() if ".wedge." in place)
+        upright = not wedged and all(element.round_when_seen for element in camera.chain.elements)
+        if camera.chain.in_air or camera.tilted or not upright:
             return None
         middle, half = (low + high) / 2, np.maximum((high - low) / 2, 1e-9)
         nodes = nodes_between(-1.0, 1.0, NODES)
@@ -162,12 +164,6 @@ def _straightened(sides: Floats) -> Floats:
 
 class _LostRayError(Exception):
     """A ray to the edge of a stop does not get there."""
-
-
-def _upright(camera: Camera) -> bool:
-    """Whether every opening is an upright one."""
-    wedged = any(np.any(value) for place, value in camera.numbers.items() if ".wedge." in place)
-    return not wedged and all(element.round_when_seen for element in camera.chain.elements)
 
 
 @dataclass(frozen=True, eq=False)

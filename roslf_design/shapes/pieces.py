@@ -58,7 +58,7 @@ def lay_edges(polygon: Floats, owner: float, edges: Floats, count: int) -> int:
 
 
 @kernel()
-def cut_arcs(discs: Floats, arcs: Floats, count: int, edges: Floats, sides: int, work: Floats, pieces: Floats) -> int:
+def _cut_arcs(discs: Floats, arcs: Floats, count: int, edges: Floats, sides: int, work: Floats, pieces: Floats) -> int:
     """Pieces of traced arcs on the inner side of all edges, from the first row on; returns how many there are."""
     parts = work[sides + 1 :]
     filled = 0
@@ -127,7 +127,7 @@ def within_edges(edges: Floats, sides: int, e: int, low: float, high: float) -> 
 
 
 @kernel()
-def cut_edges(discs: Floats, edges: Floats, sides: int, pieces: Floats, filled: int) -> int:
+def _cut_edges(discs: Floats, edges: Floats, sides: int, pieces: Floats, filled: int) -> int:
     """Pieces of edges inside all discs and other polygons, behind `filled` rows; returns how many rows there are."""
     for e in range(sides):
         ax = edges[e, X]
@@ -178,8 +178,8 @@ def bound(discs: Floats, arcs: Floats, edges: Floats, sides: int, work: Floats, 
         count, _, _ = trace(discs, work, arcs)
         if count == 0:
             return 0
-    filled = cut_arcs(discs, arcs, count, edges, sides, work, pieces)
-    return cut_edges(discs, edges, sides, pieces, filled)
+    filled = _cut_arcs(discs, arcs, count, edges, sides, work, pieces)
+    return _cut_edges(discs, edges, sides, pieces, filled)
 
 
 def boundary(

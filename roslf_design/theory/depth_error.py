@@ -129,13 +129,8 @@ def expected_error(c: Camera, at: Depth | Array) -> Array:
     return np.hypot(noise + overlap_error(c), 0.0 if warmth is None else warmth)
 
 
-def expected_error_at_fields(images: MicrolensImages) -> Number:
-    """Combined standard uncertainty at the focal plane, of each field's own microlens image, (fields, builds)."""
-    return errors_at_fields(images, bound=False)[-1]
-
-
 def errors_at_fields(images: MicrolensImages, *, bound: bool = True) -> tuple[Array, ...]:
-    """`depth_error_at_fields`, where the `bound` is asked for, and `expected_error_at_fields`, of one signal."""
+    """`depth_error_at_fields`, where the `bound` is asked for, and the combined standard uncertainty, of one signal."""
     warmth = temperature_error(images.camera, None)
     *noise, expected = _errors_at_fields(images, (*((NOTHING,) if bound else ()), Beside.of(images.camera)))
     return *noise, np.hypot(expected + overlap_error(images.camera), 0.0 if warmth is None else warmth)

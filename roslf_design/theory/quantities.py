@@ -41,8 +41,8 @@ from .depth_error import (
     depth_at,
     depth_error,
     depth_error_at_fields,
+    errors_at_fields,
     expected_error,
-    expected_error_at_fields,
     plane_at,
     seen_at,
 )
@@ -50,23 +50,6 @@ from .disparity_error import axial_disparity_sigma
 from .light import SensorField
 from .quantity import Depth, Listed, Quantity
 from .stop_images import MicrolensImages
-
-QUANTITIES: dict[str, Quantity] = {}
-"""Every quantity by its name; the paper's symbols too."""
-
-
-def _register(*quantities: Quantity) -> None:
-    """Add quantities, each under its name.
-
-    Raises
-    ------
-    ValueError
-        A name is taken.
-    """
-    for quantity in quantities:
-        if quantity.name in QUANTITIES:
-            raise ValueError(f"there is a quantity '{quantity.name}' already")
-        QUANTITIES[quantity.name] = quantity
 
 
 def quantity_named(name: str) -> Quantity:
@@ -141,11 +124,6 @@ def _whole(form: Callable[[Camera], Number]) -> Callable[[Camera, Depth], Array]
     return lambda c, _: np.asarray(form(c))
 
 
-def _whole_number(value: Array) -> int:
-    """Whole number of things that rounding does not make one fewer."""
-    return math.floor(float(value) + 1e-9)
-
-
 def _um(value: float) -> str:
     return f"{number(1e3 * value)} um"
 
@@ -212,7 +190,7 @@ def image_rate(c: Camera, at: Depth | Array) -> Array:
 def _angles(start: Literal["entrance pupil", "tip"]) -> Iterator[Quantity]:
     """Angles of view over the field's diagonal, width and height."""
     from_tip = start == "tip"
-    of = field_of_view.tip_field_of_view if from_tip else _from_pupil
+    of = field_of_view.tip_field_of_view if from_tip else lambda c, field, _: field_of_view.field_of_view(c, field)
     medium = "at a distance ahead of it or at the focal plane" if from_tip else "in the medium of the scene"
     for part, way, label, seen in (
         ("", "diagonal", "full", "full (diagonal)"),
@@ -237,10 +215,6 @@ def _angles(start: Literal["entrance pupil", "tip"]) -> Iterator[Quantity]:
             numeric=True,
             at="optional" if from_tip else "never",
         )
-
-
-def _from_pupil(c: Camera, field: SensorField, _: Depth) -> field_of_view.Across:
-    return field_of_view.field_of_view(c, field)
 
 
 def _ahead_of_tip(c: Camera) -> str:
@@ -326,11 +300,7 @@ def _centre_shift(images: MicrolensImages) -> Number:
     return ((x1 - x0) * cos + (y1 - y0) * sin) / camera.q
 
 
-def _axis_ratio(images: MicrolensImages) -> Number:
-    return np.where(images.shapes.lit, images.shapes.axis_ratio, np.nan)
-
-
-_register(
+_EVERY = (
     # Pupils.
     Quantity(
         "aperture_constant",
@@ -631,7 +601,7 @@ _register(
         "",
         "minor over major axis of the microlens image's second moments; undefined where dark",
         None,
-        _axis_ratio,
+        lambda images: np.where(images.shapes.lit, images.shapes.axis_ratio, np.nan),
         label="axis ratio",
         most=1.0,
     ),
@@ -720,7 +690,9 @@ _register(
         "microlenses across the width that the sensor sees",
         **_over_field(lambda c, _, field: ratio(2 * field.half[0], c.d)),
         label="microlenses across",
-        evaluated=Listed("sampling", "microlenses across the sensor", value=_whole_number, text=str),
+        evaluated=Listed(
+            "sampling", "microlenses across the sensor", value=lambda count: math.floor(float(count) + 1e-9), text=str
+        ),
     ),
     Quantity(
         "object_sample_mm",
@@ -900,7 +872,7 @@ _register(
         "depth, expected, at the focal plane, as the field's own microlens image is cut; through windows to first "
         "order",
         None,
-        expected_error_at_fields,
+        lambda images: errors_at_fields(images, bound=False)[-1],
         numeric=True,
         of_views=True,
         label="depth, expected, u_Z at the field",
@@ -977,6 +949,8 @@ _register(
         for symbol, place in PATHS.items()
     ),
 )
+QUANTITIES = {quantity.name: quantity for quantity in _EVERY}
+"""Every quantity by its name; the paper's symbols too."""
 
 _centre_error = attrgetter("centre_error")
 DECODED = {
@@ -1028,12 +1002,6 @@ _VARIABLES = {"main_lens.bending": "bending of the lens", "working_distance": "w
 _NAME = re.compile(r"(?<![\w.])([A-Za-z]\w*(?:\.\w+)*)(?:@(\d+))?(?![\w@])")
 
 
-def _label_of(name: str) -> str:
-    """Plain words for the name of a quantity, of a metric, or of a variable that is no symbol; empty where none."""
-    known = QUANTITIES.get(name) or DECODED.get(name)
-    return _VARIABLES.get(name, "") if known is None else known.label
-
-
 def bound_note(names: Iterable[str]) -> str:
     """Sentence on what depth noise is not, where one of the quantities is that; else ""."""
     if not any(name in ("sigma_z_mm", "sigma_z_at_field_mm") for name in names):
@@ -1045,7 +1013,8 @@ def in_words(text: str) -> str:
     """A sentence or a label with names put into words: ``sigma_z_mm at 40 mm``, ``fill_factor@2``."""
 
     def worded(match: re.Match[str]) -> str:
-        words = _label_of(match[1])
+        known = QUANTITIES.get(match[1]) or DECODED.get(match[1])
+        words = _VARIABLES.get(match[1], "") if known is None else known.label
         return words + (f" at field {match[2]}" if match[2] else "") if words else match[0]
 
     return _NAME.sub(worded, text).replace(" >= ", " ≥ ").replace(" <= ", " ≤ ")

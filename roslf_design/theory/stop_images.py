@@ -46,14 +46,9 @@ class _Ellipse(NamedTuple):
     """S [mm^2]."""
 
     @property
-    def determinant(self) -> Number:
-        """Determinant of S [mm^4]; the area is pi times its root."""
-        return cross(self.xx, self.yy, self.xy, self.xy)
-
-    @property
     def width(self) -> Number:
         """Diameter of the disc as large [mm]."""
-        return 2 * np.sqrt(np.sqrt(self.determinant))
+        return 2 * np.sqrt(np.sqrt(cross(self.xx, self.yy, self.xy, self.xy)))
 
     @property
     def reach(self) -> Number:
@@ -300,7 +295,11 @@ def stop_openings(c: Camera, x: ArrayLike, y: ArrayLike) -> Openings:
     centres, radii = stop_discs(c, x, y)
     every = (c.fap, *c.rims)
     straight = tuple(k for k in range(len(every)) if every[k].outline.straight)
-    leaning = {k: _leaning_image(c, rim, x, y) for k, rim in enumerate(every) if k > 1 and _leans(c, rim)}
+    leaning = {
+        k: _leaning_image(c, rim, x, y)
+        for k, rim in enumerate(every)
+        if k > 1 and np.any(np.isfinite(rim.outline.reach)) and any(np.any(tilt) for tilt in c.tilt(rim.part))
+    }
     if not straight and not leaning:
         return Openings.of_discs(centres, radii)
     most = max((len(every[k].outline.corners) for k in straight), default=4)
@@ -322,11 +321,6 @@ def stop_openings(c: Camera, x: ArrayLike, y: ArrayLike) -> Openings:
         centres[..., k, 0], centres[..., k, 1], radii[..., k] = seen.x, seen.y, math.inf
         forms[..., n, 0], forms[..., n, 1], forms[..., n, 2] = seen.xx, seen.xy, seen.yy
     return Openings(centres, radii, corners, straight, forms, ellipses)
-
-
-def _leans(c: Camera, rim: Rim) -> bool:
-    """Whether a rim that may cut is tilted, or leans by design, in any build."""
-    return bool(np.any(np.isfinite(rim.outline.reach))) and any(np.any(tilt) for tilt in c.tilt(rim.part))
 
 
 def _leaning_image(c: Camera, rim: Rim, x: ArrayLike, y: ArrayLike) -> Projected:
@@ -443,13 +437,6 @@ class MicrolensImages:
     def illumination(self) -> Number:
         """Light of a microlens against one whose image nothing cuts, on the axis."""
         return self.shapes.kept_fraction * self.level
-
-    @cached_property
-    def discs(self) -> tuple[Array, Array]:
-        """Images of the FAP and the rims where nothing is tilted, as `stop_discs` gives them."""
-        x, y = self.microlens[:2]
-        shape = (len(self.fields), *(self.camera.shape or (1,)))
-        return stop_discs(self.camera, np.broadcast_to(x, shape), np.broadcast_to(y, shape))
 
     @cached_property
     def openings(self) -> Openings:

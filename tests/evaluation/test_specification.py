@@ -316,7 +316,7 @@ def test_slanting_rays_at_the_sensor_are_told_with_what_they_lose():
     design = roslf.load("rigid-scope").replace({"sensor.acceptance": math.radians(10.0)})
     camera = Camera.of(design)
     images = MicrolensImages(camera, sensor_field(camera).corners[:1])
-    centre, radius = images.discs[0][0, 0, 0], images.discs[1][0, 0, 0]
+    centre, radius = images.openings.centres[0, 0, 0], images.openings.radii[0, 0, 0]
     steepest = math.degrees(math.atan((math.hypot(*centre) + radius) / design.d_2))
     assert float(roslf.quantity("sensor_angle_deg")(camera)) == pytest.approx(steepest, rel=1e-9)
     (told,) = [text for text in roslf.evaluate(design).warnings if "rays meet the sensor" in text]
