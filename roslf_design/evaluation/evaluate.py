@@ -200,11 +200,11 @@ def evaluate(
     )
 
 
-def held_as_built(result: Evaluation, design: Design, build: LengthCovariance) -> Evaluation:
+def held_as_built(result: Evaluation, shown: FieldImages, build: LengthCovariance) -> Evaluation:
     """An evaluation of a design whose requirements and working range, they alone, count its lengths as built."""
-    camera = Camera.of(design)
+    camera = Camera.of(shown.design)
     budget = partial(depth_budget, camera, build=build)
-    required = requirements(FieldImages.of(design), camera, budget)
+    required = requirements(shown, camera, budget)
     answer = result.answer.within(WorkingRange.of(camera, budget)) if result.answer.sharp_views_mm else result.answer
     return held_to(replace(result, answer=answer), required)
 

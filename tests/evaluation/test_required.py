@@ -12,6 +12,7 @@ from roslf_design.errors import InputError
 from roslf_design.evaluation.evaluate import held_as_built
 from roslf_design.evaluation.required import AS_BUILT, required_of
 from roslf_design.evaluation.result import answer_tables, depth_budget_tables
+from roslf_design.evaluation.specification import FieldImages
 from roslf_design.reporting.sheet.lines import basis, datasheet_json
 from roslf_design.theory.length_covariance import LengthCovariance
 from roslf_design.units import parse_quantity
@@ -111,7 +112,7 @@ def test_depth_that_is_required_says_what_it_counts_as_the_budget_has_it():
     assert "and lengths as built, without temperature" in built.verdicts[0].text
     assert bare.verdicts[0].text.startswith("met as drawn: ")
     assert [(one.verdicts[0].level, one.required[0].met) for one in (bare, built)] == [("limit", True), ("good", True)]
-    short = held_as_built(bare, asked(text), LengthCovariance(("sensor.distance",), np.array([[1.0]])))
+    short = held_as_built(bare, FieldImages.of(asked(text)), LengthCovariance(("sensor.distance",), np.array([[1.0]])))
     assert [verdict.level for verdict in short.verdicts] == ["fault", *(one.level for one in bare.verdicts[1:])]
     remedy = short.verdicts[0].remedy  # noise alone holds it: what spoils it is no work for an optimiser
     assert "`roslf calibrate --plan`" in remedy

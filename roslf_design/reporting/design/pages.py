@@ -26,6 +26,7 @@ from ...evaluation.result import (
     seen_table,
     temperature_table,
 )
+from ...evaluation.specification import FieldImages
 from ...evaluation.verdicts import near_cases
 from ...progress import CountedProgress, silent
 from ...theory.colours import PIXEL_FILTERS
@@ -123,7 +124,7 @@ def design_report(
     progress("evaluating")
     studied = [findings[name] for name in STUDIES if name in findings] if findings else []
     grounds = grounds or basis(design)
-    shown = grounds.shown if grounds.design is design else None
+    shown = grounds.shown if grounds.design is design else FieldImages.of(design)
     result = evaluate(
         design, None, accuracy, at=grounds.at, build=grounds.build, calibration=grounds.calibration, shown=shown
     )
@@ -132,7 +133,7 @@ def design_report(
     if looked is not None and grounds.build is None and grounds.calibration is None and result.has_views:
         ahead = (None, *(row.at_mm for row in result.answer.at[1:]))
         built = [depth_budget(Camera.of(design), at, build=looked) for at in ahead]
-        result = held_as_built(result, design, looked)
+        result = held_as_built(result, shown, looked)
         grounds = told_as_built(grounds, result.required)
     if grounds.required:
         result = held_to(result, grounds.required)
