@@ -141,6 +141,9 @@ def design_report(
     figures = _design_figures(design, result, known, progress)
     progress("sections")
     answers = Statements((*verdicts(result).items, *(one.statement for one in studied if one.statement)))
+    first = [answers, sheets.glance(design, result.has_views, known)]
+    if opening:  # with what was asked, a story's many answers would push the picture off the first page
+        first.reverse()
     twin = "" if result.real_lens is None else " of the thin-lens model"
     space = ("plane", "depth") if result.has_views else ("plane",)
     parameters = Table(tuple(parameter_rows(design)), "lldl", ("symbol", "what", "value", ""))
@@ -148,7 +151,7 @@ def design_report(
     sections = (
         Section(
             "Summary",
-            (*opening, answers, sheets.glance(design, result.has_views, known), *answer_tables(result, built)),
+            (*opening, *first, *answer_tables(result, built)),
         ),
         datasheet_section(grounds),
         Section("The design", (figures["dimensions"], parameters, *_seen(result), *_stops(design))),

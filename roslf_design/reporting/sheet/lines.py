@@ -688,7 +688,8 @@ def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = N
     head = sheet_head(design, revision, date)
     blocks = (head, signatures(), *section.blocks, *drawn)
     which = ", ".join(f"{what} {value.split()[0]}" for what, value in head.rows[1:] if value != NONE)
-    return Report(sheet_title(design.name, revision), design.source, (Section(section.title, blocks),), f"{design.name}; {which}")
+    sections = (Section(section.title, blocks),)
+    return Report(sheet_title(design.name, revision), design.source, sections, f"{design.name}; {which}")
 
 
 def sheet_head(design: Design, revision: str, date: str) -> Table:
