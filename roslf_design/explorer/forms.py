@@ -169,7 +169,7 @@ def forms(state: State) -> dict[str, Any]:
 
 
 def _offered(symbol: str, state: State) -> dict[str, Any]:
-    ends = (show(BY_SYMBOL[symbol], float(f"{end:.4g}")) for end in _usual_bounds(state.design, symbol))
+    ends = (show(BY_SYMBOL[symbol], float(f"{end:.4g}")) for end in _usual_bounds(state.drawn, symbol))
     follows = symbol == state.follows
     return {
         "key": symbol,

@@ -77,6 +77,8 @@ class Figure:
     """JSON of `viewer.scene_data`: the same scene, to be turned on a page that can do it; empty for none."""
     breaks: float = 0.0
     """Share of its height after which it may go on another page; 0 for nowhere."""
+    fixed: bool = False
+    """Whether it is never drawn smaller to fill a page."""
     half: bool = False
     """Whether two such stand side by side on a wide page."""
 

@@ -11,7 +11,6 @@ import io
 import json
 import re
 import tempfile
-from collections import Counter
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -184,7 +183,6 @@ def _behind_a_gap(
     placed: Sequence[Mapping[str, Any]], shares: Mapping[str, float], tried: Container[str]
 ) -> tuple[str, dict[str, float]] | None:
     """First figure that begins a page, behind those of the page before, and shares at which all stand there."""
-    broken = {name for name, count in Counter(at["name"] for at in placed if at["drawn"]).items() if count > 1}
     for end in sorted((at for at in placed if at["image"]), key=lambda at: (at["page"], at["y"])):
         above = [at for at in placed if at["kind"] in ENDS and at["page"] == end["page"] and 0 < at["y"] < end["y"]]
         first = all(at["name"] == end["name"] for at in above)
@@ -194,12 +192,7 @@ def _behind_a_gap(
         filled = max((at["y"] for at in before if at["kind"] == "flow"), default=end["foot"])
         foot = min([end["foot"], *(at["y"] for at in before if at["kind"] == "begin" and at["y"] > filled)])
         missing = end["y"] + CLEARANCE - (foot - filled)
-        # What may go over pages needs no shrinking.
-        figures = [
-            (at["drawn"], at["name"], shares.get(at["name"], 1.0))
-            for at in (*before, end)
-            if at["drawn"] and at["name"] not in broken
-        ]
+        figures = [(at["drawn"], at["name"], shares.get(at["name"], 1.0)) for at in (*before, end) if at["drawn"]]
         for share in np.linspace(1.0, LEAST_SHARE, 51):  # those that are small already lessen no further
             smaller = {name: max(own * float(share), LEAST_SHARE) for _, name, own in figures}
             if sum(drawn * (1 - smaller[name] / own) for drawn, name, own in figures) >= missing:
@@ -301,7 +294,7 @@ def _block(block: Block, root: Path) -> dict[str, Any]:
             file = root / f"{block.name}.{'svg' if isinstance(block.content, str) else 'png'}"
             file.write_bytes(block.content.encode() if isinstance(block.content, str) else block.content)
             look = {"file": file.name, "width": _share_of_page(block.content), "alt": block.description or block.title}
-            look |= {"breaks": block.breaks, "name": block.name}
+            look |= {"breaks": block.breaks, "name": block.name, "fixed": block.fixed}
             return {"kind": "figure", **look, "title": spans(block.title), "caption": spans(block.caption)}
         case Bullets():
             return {"kind": "bullets", "items": [spans(item) for item in block.items]}

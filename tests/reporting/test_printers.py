@@ -105,6 +105,7 @@ def lines_and(count, *blocks):
 def test_a_figure_stands_where_it_is_told_of_where_it_fits(tmp_path, monkeypatch):
     """Not at the page's foot, behind a gap that the table does not fit into."""
     monkeypatch.setattr(printers, "MOST_ABOVE", 0.0)
+    monkeypatch.setattr(printers, "LEAST_END", 0.0)
     tall = SVG.replace('viewBox="0 0 9 9" width="9pt" height="9pt"', 'viewBox="0 0 768 500" width="768" height="500"')
     after = (Figure("f", "drawn", "what it shows", tall), Table((("row", "1"),) * 8, "ll"))
     first, second = pages(lines_and(17, *after), tmp_path)

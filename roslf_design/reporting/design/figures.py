@@ -75,7 +75,7 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
         "work). The FAP is black, the main lens and its mount blue."
         f"{through}{lens_words(design.main_lens.kind).twin} {follow} {plane}"
     )
-    return Figure.of("rays", "Meridional ray diagram", caption, ray_diagrams(design))
+    return replace(Figure.of("rays", "Meridional ray diagram", caption, ray_diagrams(design)), fixed=True)
 
 
 def _cells_sheet(design: Design, result: Evaluation) -> Figure:

@@ -141,7 +141,7 @@ def design_report(
     figures = _design_figures(design, result, known, progress)
     progress("sections")
     answers = Statements((*verdicts(result).items, *(one.statement for one in studied if one.statement)))
-    first = [answers, sheets.glance(design, result.has_views, known)]
+    first: list[Block] = [answers, sheets.glance(design, result.has_views, known)]
     if opening:  # with what was asked, a story's many answers would push the picture off the first page
         first.reverse()
     twin = "" if result.real_lens is None else " of the thin-lens model"
