@@ -20,7 +20,7 @@ from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.light import outer_slope
 from ..theory.limits import limits
 from ..theory.quantities import QUANTITIES
-from ..traced.fields import images_of
+from ..traced.fields import DesignImages, IdealImages, images_of
 from ..words import listed, number, uncertainty
 from .specification import (
     ASKED,
@@ -79,7 +79,7 @@ MEANT = (
 """Caption of it."""
 EVEN = 0.5
 """Share of the middle's light from which the corner is evenly lit: one stop."""
-SHARES = np.linspace(0.0, 1.0, 101)[1:]
+SHARES = np.linspace(0.0, 1.0, 101)
 """Shares of the field whose corners' light is looked at."""
 SMALLER = 1.05
 """Share of the middle's light in the corner from which it is said where more comes from."""
@@ -182,8 +182,7 @@ class FirstAnswer:
             "" if medium == "air" else medium,
             focus,
             *ranges(within),
-            points[farthest].relative_illumination,
-            float(np.broadcast_to(images.level, (len(points), 1))[farthest, 0]),
+            *_corner_light(images, farthest),
             _evened_by(shown, farthest),
             float(QUANTITIES["outer_diameter_mm"](camera)),
             *tube.walls(camera),
@@ -232,18 +231,28 @@ class FirstAnswer:
         return listed(words) if words else "nothing takes any"
 
 
+def _corner_light(images: IdealImages | DesignImages, field: int) -> tuple[float, float]:
+    """Light at a field over that in the middle, the first, and the share of it that is not the size of what is lit."""
+    shape = (len(images.fields), 1)
+    lit = QUANTITIES["relative_illumination"].at_fields(images)
+    (light, middle), (level, straight) = (
+        np.broadcast_to(one, shape)[[field, 0], 0].tolist() for one in (lit, images.level)
+    )
+    return (light / middle, level / straight) if middle > 0 else (light, level)
+
+
 def _evened_by(shown: FieldImages, field: int) -> str:
     """Ways to light the corner, one of the fields, as `EVEN` has it, with the figures of the cameras that have them.
 
     The FAP limits light in the scene, and so its angle there counts: no place of the exit pupil changes that.
     """
     design, images, camera = shown.design, shown.images, shown.images.camera
-    lit, shape = QUANTITIES["relative_illumination"].at_fields, (len(images.fields), 1)
-    light, level = (float(np.broadcast_to(one, shape)[field, 0]) for one in (lit(images), images.level))
+    light, level = _corner_light(images, field)
     if light >= EVEN:
         return ""
     narrower = images_of(design, SHARES[:, np.newaxis] * images.fields[field])
-    dark = int(np.argmax(np.ravel(lit(narrower)) < EVEN))  # the corner is, and the middle of no camera
+    lit = np.ravel(QUANTITIES["relative_illumination"].at_fields(narrower))
+    dark = int(np.argmax(lit < EVEN * lit[0]))  # the corner is, against the middle
     view = FieldOfView.of(images_of(design, shown.ends.fields * SHARES[dark - 1]), None)
     sides = {"": view.diagonal, "width_": view.width, "height_": view.height}
     least = [

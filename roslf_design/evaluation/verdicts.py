@@ -25,6 +25,7 @@ from ..theory.light import outer_slope, sensor_field
 from ..theory.photometry import LARGEST_FILL, accepted, exposure, full_level, response
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import FEASIBLE
+from ..theory.stop_images import MicrolensImages
 from ..words import length, listed, number, on_side, percent, place, the
 from .answer import EVEN, FirstAnswer
 from .fields import default_fields, field_openings
@@ -213,7 +214,7 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
     """By Eq. 6; behind a real lens by its traced images, Eq. 6's bound beside it."""
     sees = (
         f"the sensor sees {thin.field_half_width_mm:.4g} mm (half width), {thin.field_half_diagonal_mm:.4g} mm "
-        f"(corner); {_shifted(camera)}"
+        f"(corner); {_shifted(camera)}{_stopped(camera)}"
     )
     by_thin = "" if thin.undistorted_in_field else _field_remedy(camera, thin)
     if lens is not None:
@@ -245,6 +246,19 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
         else "at any field"
     )
     return Verdict.of("field_undistorted", f"{UNCUT}: full {camera.fap.outline.kind}s {bound}; {sees}")
+
+
+def _stopped(camera: Camera) -> str:
+    """Words on what else than the FAP is the stop in the middle, and which numbers know; empty where none is."""
+    openings = MicrolensImages(camera, [(0.0, 0.0)]).openings.at((0, 0))
+    if openings.unclipped:
+        return ""
+    rim = camera.rims[int(openings.rooms[1:].argmin())]
+    return (
+        f"; in the middle, too, {the(rim.name)} leaves {percent(float(openings.common().kept_fraction))} of an image: "
+        "light, depth and MTF are of that; image fill, f-numbers, views across an image and depths of field are the "
+        "whole FAP's"
+    )
 
 
 def _shifted(camera: Camera) -> str:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arrays import Array
+from .._arrays import Array, ratio
 from ..bore.opening import ClearAperture
 from .coverage import Image, coverage_image
 from .discs import Chords, DiscIntersection, chords, heights, intersect, rows_between
@@ -126,6 +126,10 @@ class Openings(NamedTuple):
     def moved(self, by: Array) -> Openings:
         """Moved by (..., 2) [mm]."""
         return self._replace(centres=self.centres + by[..., None, :], corners=self.corners + by[..., None, None, :])
+
+    def overlap(self, by: Array) -> Array:
+        """Share of their common part that is left of its overlap with itself, moved by (..., 2) [mm]."""
+        return ratio(self.moved(-by / 2).beside(self.moved(by / 2)).common().area, self.common().area)
 
     def beside(self, other: Openings) -> Openings:
         """These and others, which follow them."""

@@ -36,7 +36,6 @@ from .._arrays import Array, magnitude, ratio
 from ..camera import Camera
 from ..shapes.discs import gauss_legendre
 from ..shapes.lattice import PACKINGS
-from ..shapes.openings import Openings
 from .colours import filters, panchromatic
 from .disparity_information import (
     FULL,
@@ -51,7 +50,6 @@ from .disparity_information import (
     shape_of_builds,
     summed_information,
 )
-from .exit_pupil import microlens_image_diameter
 from .f_number import fill_factor
 from .image_parts import AS_IT_IS, light_read
 from .information_series import interpolated_information
@@ -261,28 +259,13 @@ def disparity_sigma(images: MicrolensImages, plane: Seen, beside: Beside = NOTHI
 
 
 def axial_disparity_sigmas(c: Camera, plane: Seen, besides: tuple[Beside, ...] = (NOTHING,)) -> Array:
-    """`disparity_sigmas` of a microlens whose image nothing cuts, shape (noises, builds); tilts left out."""
+    """`disparity_sigmas` of the microlens in the array's middle, shape (noises, builds); tilts left out."""
     if "depth.disparity_error" in c.numbers:
         return np.stack(len(besides) * [np.asarray(c["depth.disparity_error"])])
-    sigmas = disparity_sigmas(_Uncut(c, [(0.0, 0.0)]), plane, besides)[:, 0]
+    sigmas = disparity_sigmas(MicrolensImages(c, [(0.0, 0.0)]), plane, besides)[:, 0]
     return np.asarray(sigmas if c.shape or np.ndim(plane.scale) else sigmas[:, 0])
 
 
 def axial_disparity_sigma(c: Camera, plane: Seen, beside: Beside = NOTHING) -> Array:
     """`axial_disparity_sigmas` in one noise, shape of the builds."""
     return np.asarray(axial_disparity_sigmas(c, plane, (beside,))[0])
-
-
-class _Uncut(MicrolensImages):
-    """The microlens on the axis and the FAP as its only stop."""
-
-    def by(self, camera: Camera) -> MicrolensImages:
-        """Image on the axis of another camera."""
-        return _Uncut(camera, self.fields)
-
-    @property
-    def openings(self) -> Openings:
-        """The FAP's alone."""
-        shape = (1, *(self.camera.shape or (1,)))
-        image = self.camera.fap.outline.sized(magnitude(microlens_image_diameter(self.camera)))
-        return Openings.of(image, shape)

@@ -49,6 +49,7 @@ from .exit_pupil import microlens_image_diameter, microlens_image_pitch
 from .lens_shapes import LENS_SHAPES, LensShape
 from .light import diffraction_width, independent_views, microlens_defocus
 from .photometry import contrast_left
+from .stop_images import MicrolensImages
 from .transfer import MicrolensTransfer, pair_line, pair_transfer, pixel_box
 
 Direction = Literal["tangential", "sagittal"]
@@ -134,7 +135,7 @@ def axial_limit(c: Camera, rate: Number, level: float) -> Array:
     Parameters
     ----------
     c : Camera
-        Nothing but its FAP cuts the pupil.
+        Its tilts are left out; of the FAP counts what stops leave of it for the microlens in the array's middle.
     rate : float or ndarray
         rho of the plane refocused to.
     level : float
@@ -145,12 +146,16 @@ def axial_limit(c: Camera, rate: Number, level: float) -> Array:
     shape = np.broadcast_shapes(c.shape, np.shape(rate))
     reach = ratio(1.0, c.wavelength * c.seen.d_2 / diameter)
     low, high = np.zeros(shape), np.broadcast_to(_end(lens, rate, reach), shape)
-    pupil, limits = c.fap.outline.sized(reach), []
-    for way in pupil.ways:  # the softer one counts
+    pupil, openings, limits = c.fap.outline.sized(reach), MicrolensImages(c, [(0.0, 0.0)]).openings.at(0), []
+    for way in pupil.ways if openings.unclipped else ((1.0, 0.0), (0.0, 1.0)):  # the softer one counts
         least, most = low, high
         for _ in range(HALVINGS):
             middle = (least + most) / 2
-            above = pupil.overlap(middle, *way) * lens.refocused(rate, middle, way) > wanted
+            if openings.unclipped:
+                passed = pupil.overlap(middle, *way)
+            else:
+                passed = openings.overlap(np.multiply.outer(middle * c.wavelength * c.seen.d_2, way)).reshape(shape)
+            above = passed * lens.refocused(rate, middle, way) > wanted
             least, most = np.where(above, middle, least), np.where(above, most, middle)
         limits.append(np.where(wanted < 1, (least + most) / 2, 0.0))
     return np.asarray(np.minimum(limits[0], limits[-1]))[()]

@@ -138,7 +138,8 @@ def test_a_corner_lighter_than_the_middle_is_told_with_where_its_light_comes_fro
     area = middle.local_magnification / edge.local_magnification / (1 + edge.distortion_percent / 100)
     slant = math.cos(math.radians(edge.angle_deg)) ** 4
     assert edge.relative_illumination == pytest.approx(area * slant, rel=0.03)  # of the chief ray alone
-    assert corner.relative_illumination == result.answer.corner_light > 2
+    assert corner.relative_illumination == pytest.approx(result.answer.corner_light, rel=1e-12)
+    assert result.answer.corner_light > 2
     (verdict,) = [verdict for verdict in result.verdicts if verdict.name == "corner_lit"]
     assert "stops more" in verdict.text
     assert "draws the scene smaller there" in verdict.text
@@ -165,3 +166,13 @@ def test_a_lens_that_is_not_sharp_in_the_corner_is_told_by_the_data_sheet_s_figu
     thin = roslf.evaluate(singlet.thin_twin)
     assert thin.answer.corner_lp_per_mm == pytest.approx(thin.answer.at[0].usable_lp_per_mm)
     assert not [verdict for verdict in thin.verdicts if verdict.name == "sharp_over_field"]
+
+
+def test_a_stop_that_cuts_the_middle_too_is_named_there_and_dims_it():
+    """Light in the corner counts against what the middle gets, and verdicts say whose light, depth and MTF are."""
+    result = roslf.evaluate(roslf.load("rigid-scope").replace({"stops": [{"diameter": 0.21, "distance": 0.9}]}))
+    middle, _, corner = (field.kept_fraction for field in result.fields)
+    assert result.answer.corner_light == pytest.approx(result.answer.corner_slant * corner / middle, rel=1e-6)
+    (verdict,) = (one for one in result.verdicts if one.name == "field_undistorted")
+    assert f"in the middle, too, stop 1 leaves {100 * middle:.0f} % of an image" in verdict.text
+    assert "in the middle, too" not in str(roslf.evaluate("rigid-scope"))

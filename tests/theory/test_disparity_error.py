@@ -465,3 +465,31 @@ def test_pixels_that_several_images_reach_are_those_of_drawn_discs(layout, wide)
     covered = sum(np.hypot(x - a, y - b) < wide / 2 for a, b in rows)
     assert overlapping(wide, rise, True) == pytest.approx(np.mean(covered > 1), abs=2.5e-3)
     assert overlapping(0.98, rise, True) == overlapping(1.0, rise, False) == 0
+
+
+def narrowed(design, width, distance):
+    """A design whose FAP a stop cuts, and the same camera with that stop for its FAP."""
+    stop = {"diameter": width, "distance": distance}
+    return design.replace({"stops": [stop]}), design.replace({f"aperture.{key}": value for key, value in stop.items()})
+
+
+@pytest.mark.parametrize("name", ["sigma_z_mm", "u_z_mm", "mtf50_lp_per_mm", "mtf10_lp_per_mm"])
+def test_a_stop_narrower_than_the_pupil_limits_depth_and_detail(name):
+    """As if it were the FAP: that is the same camera. In focus the pitch of the images alone tells them apart."""
+    value, scope = QUANTITIES[name], roslf.load("rigid-scope")
+    cut, own = (Camera.of(one) for one in narrowed(scope, 0.21, 0.9))
+    assert float(value(cut)) == pytest.approx(float(value(own)), rel=5e-3)
+    assert abs(float(value(Camera.of(scope))) / float(value(own)) - 1) > 0.015
+    # Away from it single views of the two are of other points' light: there alike to first order in 0.4 mm.
+    assert float(value(cut, 10.0)) == pytest.approx(float(value(own, 10.0)), rel=0.06)
+
+
+def test_builds_that_a_stop_cuts_are_those_taken_one_by_one():
+    cut = Camera.of(narrowed(roslf.load("rigid-scope"), 0.21, 0.9)[0])
+    many = cut.replace(
+        {"aperture.decentre.0": np.array([0.0, 0.02, 0.05]), "stops.0.diameter": np.array([0.2, 0.3, 0.6])}
+    )
+    for name in ("sigma_z_mm", "mtf50_lp_per_mm"):
+        together = QUANTITIES[name](many)
+        alone = [float(QUANTITIES[name](many.build(k))) for k in range(3)]
+        np.testing.assert_allclose(together, alone, rtol=1e-4)
