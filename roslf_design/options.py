@@ -17,7 +17,6 @@ from .units import FARTHEST, read_quantity
 FileName = Annotated[str, BeforeValidator(lambda name: os.fspath(name) if isinstance(name, os.PathLike) else name)]
 """Name of a file, or of a preset."""
 
-
 SEEDS = 2**63
 """Below which seeds lie: what files, generators and compiled kernels hold alike."""
 

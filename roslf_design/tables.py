@@ -23,7 +23,6 @@ LEAST_WORDS = 16
 GAP = 2
 """Letters between two columns there."""
 
-
 Column = tuple[str, str, Callable[[Any], str]]
 """Heading, letter of `Table.align`, and what it says of a thing."""
 

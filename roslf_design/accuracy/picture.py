@@ -87,8 +87,6 @@ def settle(
 
     Parameters
     ----------
-    design : Design
-    scene : Scene
     accuracy : float
         What 99 of 100 pixels may be off by.
     overrides : iterable of str
@@ -140,7 +138,6 @@ def stated(
 
     Parameters
     ----------
-    image : RawImage
     settled : Settled, optional
         How it was made; None where by budgets alone.
     accuracy : float, optional

@@ -242,7 +242,6 @@ def accepted(
 
     Parameters
     ----------
-    bench : Bench
     calibration : Path
         Folder of a calibration; where it holds none, `write` puts that of the sound images there, without posterior.
     write : callable

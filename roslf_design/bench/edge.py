@@ -43,7 +43,6 @@ LEAST_LEFT = 0.1
 HIGHEST = 2.0
 """Largest frequency looked at [cycles per pitch]."""
 
-
 Frequency = tuple[float, float]
 """Frequency at which the contrast has fallen to a level, and its standard error; NaN where it never does."""
 
@@ -141,7 +140,6 @@ def edges_in_view(field: LightField, slope: float = 0.0) -> tuple[EdgeResponse, 
 
     Parameters
     ----------
-    field : LightField
     slope : float
         Du/Ds that the edges' distance should have [pitches per px].
 
@@ -163,7 +161,6 @@ def edges_refocused(field: LightField, slope: float) -> tuple[EdgeResponse, ...]
 
     Parameters
     ----------
-    field : LightField
     slope : float
         Du/Ds to begin with [pitches per px], that the edges' distance should have.
 

@@ -189,7 +189,6 @@ class RingView:
             u and v of its columns and rows [pitches].
         ends : ndarray, shape (2, 2)
             Least and largest u, then v, of the field.
-        rings : Rings
         ahead : float
             Distance ahead of the tip [mm].
         sample, pupil : float

@@ -71,7 +71,6 @@ def conjugate_residual(focal_length: ArrayLike, focal_plane_distance: ArrayLike,
 REFRACTING = ("elements", "object_space", "sensor.cover", "microlens_array.substrate")
 """Beginnings of the places of all that light meets but the main lens."""
 
-
 WARMING = ("environment.temperature",)
 """The place that moves all of them."""
 

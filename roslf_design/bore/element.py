@@ -131,7 +131,6 @@ class Element(OpticalPart):
 
         Parameters
         ----------
-        at : PartNumbers
         axis : int
             0 along x, 1 along y.
         forward : Matrix

@@ -10,7 +10,7 @@ from __future__ import annotations
 from .centres import MicrolensCentres, Reason, find_centres, find_centres_in_scene
 from .corners import find_corners, observe, observe_pictures
 from .decoding import Decoder, LightField, decode
-from .diffraction import Corners, Corrected, DiffractionCheck
+from .diffraction import Corrected, DiffractionCheck
 from .distortion import Distortion, with_distortion
 from .fit import Calibration, calibrate
 from .frames import CalibrationError, read_capture, read_image
@@ -26,7 +26,7 @@ from .planning import (
     synthetic_observations,
 )
 from .posterior import CameraDraws, Posterior, depth_errors, laplace_draws, sample_posterior, variance_shares
-from .result import Outcome, image_pitch, outcome_of, undistorted_radius
+from .result import Outcome, undistorted_radius
 from .sidedata import SideDatum, board_distances, white_pitch
 
 __all__ = [
@@ -37,7 +37,6 @@ __all__ = [
     "CapturePlan",
     "Captures",
     "CentreLattice",
-    "Corners",
     "Corrected",
     "DataSheet",
     "Decoder",
@@ -62,11 +61,9 @@ __all__ = [
     "find_centres",
     "find_centres_in_scene",
     "find_corners",
-    "image_pitch",
     "laplace_draws",
     "observe",
     "observe_pictures",
-    "outcome_of",
     "plan",
     "random_poses",
     "read_capture",

@@ -152,7 +152,6 @@ def observe(
     ----------
     fields : mapping or iterable of (name, LightField)
         Light fields by name, decoded with the same lattice; an iterable need hold only one at a time.
-    board : Board
     most_views : int
         Views used: the central one and those evenly spread around it.
     lens_shape : str

@@ -104,7 +104,6 @@ def covering(
 
     Parameters
     ----------
-    design : Design
     captures : Captures
         As planned where nothing is wanted.
     wanted : sequence of float

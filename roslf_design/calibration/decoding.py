@@ -19,7 +19,6 @@ HALF = 0.5
 DARKEST = 0.05
 """Light of the white image, against its brightest, under which a sample says nothing."""
 
-
 TAPS = 2.0
 """Reach of cubic convolution [px]: samples are of pixels up to so far."""
 TABLE = 1000

@@ -139,10 +139,8 @@ class Corners(NamedTuple):
         ----------
         observations : Observations
             Corners as measured.
-        board : Board
         design : Design
             That the camera was built to: lambda, D_F, shape of the microlenses.
-        white : WhiteImage
         wish : {"auto", "on", "off"}
             "auto" corrects where the design's blur exceeds 0.1 px and the white image shows it.
         """

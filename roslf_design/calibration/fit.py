@@ -70,7 +70,6 @@ def calibrate(
 
     Parameters
     ----------
-    observations : Observations
     sheet : DataSheet
         f, q and d.
     distortion : int

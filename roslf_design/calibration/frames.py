@@ -128,7 +128,7 @@ def read_capture(folder: Path) -> Capture:
         raise CalibrationError("is a file; name the folder of images" if folder.exists() else "no such folder")
     images = sorted(
         (path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")),
-        key=_in_order,
+        key=lambda path: [part.zfill(20) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)],
     )
     images = [path for path in images if not path.stem.endswith("-preview")]
     white, dark = _named(images, "white"), _named(images, "dark")
@@ -179,11 +179,6 @@ def _frames(paths: list[Path], name: str) -> Iterator[tuple[Image, dict[str, Any
         for frame in frames:
             grey_frame(frame, None, name)
             yield frame, notes
-
-
-def _in_order(path: Path) -> list[str]:
-    """board2 before board10."""
-    return [part.zfill(20) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
 
 
 def read_image(path: Path) -> Image:

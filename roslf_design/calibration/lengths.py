@@ -66,7 +66,6 @@ def calibrated_lengths(
         Of the camera, data sheet included.
     fit : StatisticsFit
         Whose corners tell A/d, m/d and q A/d_2 of a board of a given scale: carried to lengths by their Jacobian.
-    sheet : DataSheet
     data : sequence of SideDatum
         Measurements beside the corners.
     images : ImageShare, optional

@@ -51,7 +51,6 @@ _RIM = 0.7
 """Least bright rim of a marker, in its bits, for OpenCV to read it and corners to be placed beside it."""
 _UNITS = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 
-
 MOST_CELLS = 50
 """Largest number of cells along a side of a board."""
 
@@ -522,7 +521,6 @@ def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array 
     ----------
     camera : ndarray
         A, m, 1/d_2 (and more, unused) as fitted with the sheet's q and d, shape (..., 3 or more).
-    sheet : DataSheet
     drawn : sequence of array_like, optional
         f, q, d [mm], relative size of the board and the sheet's `uncertain` numbers, each of shape (...) or one; the
         sheet's where not given.

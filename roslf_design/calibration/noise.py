@@ -133,7 +133,6 @@ def measured_sensor(
     darks : Repeated, optional
     profile : WhiteProfile, optional
         Microlens images; without it no PRNU is told.
-    centres : MicrolensCentres
     colours : bool
         Whether pixels have colour filters.
     """

@@ -30,7 +30,6 @@ BEFORE_LENS = re.compile(
 )
 """Places of numbers that a calibration takes as known, and may take as known but to an error."""
 
-
 LEAST_NOISE, MOST_NOISE = 1e-6, 1e3
 """Between which any corner's standard error lies [microlens pitches]."""
 

@@ -321,10 +321,8 @@ def depth_errors(
 
     Parameters
     ----------
-    draws : CameraDraws
     fit : StatisticsFit
         Whose camera makes the slope of a point at each distance.
-    sheet : DataSheet
     distances : ndarray
         From the main lens [mm], beyond the FAP, shape (k,).
     data : sequence of SideDatum

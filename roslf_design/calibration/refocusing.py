@@ -90,7 +90,6 @@ def focus_stack(
 
     Parameters
     ----------
-    field : LightField
     disparities : ndarray, optional
         Across the views [pitches]; None for seven over all that is sharp somewhere.
     distances : Distances, optional

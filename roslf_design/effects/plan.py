@@ -150,7 +150,6 @@ def plan(
 
     Parameters
     ----------
-    design : Design
     scene : scene or SceneBrief, optional
         None is a white field on the focal plane, seen over the whole sensor, in the design's wavelength, no noise.
     budget : Budget, optional

@@ -354,7 +354,6 @@ def evaluation_accuracy(
 
     Parameters
     ----------
-    design : Design
     result : Evaluation
         Of it, to the accuracy asked for.
     asked : float, optional

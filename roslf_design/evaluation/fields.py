@@ -98,7 +98,6 @@ def evaluate_fields(design: Design, axes: Sequence[Place], rays: int = RAYS) -> 
 
     Parameters
     ----------
-    design : Design
     axes : sequence of (x, y)
         Microlens axes, on the MLA [mm].
     rays : int
@@ -243,7 +242,6 @@ def trace_lens(design: Design, axes: Sequence[Place], thin: Numbers) -> RealLens
 
     Parameters
     ----------
-    design : Design
     axes : sequence of (x, y)
         Microlens axes, on the MLA [mm].
     thin : Numbers

@@ -113,7 +113,6 @@ def pixel_centres(camera: Camera, region: Region, fine: int = 1) -> tuple[Floats
 
     Parameters
     ----------
-    camera : Camera
     region : Region
         May reach beyond the sensor.
     fine : int

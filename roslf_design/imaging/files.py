@@ -41,7 +41,6 @@ def write_image(image: RawImage, path: Path, depth: Depth = "float") -> Path:
 
     Parameters
     ----------
-    image : RawImage
     path : Path
         Ends in .tif, .tiff or .png; PNG is always 16 bits. Its folder is made if needed.
     depth : {"float", "16"}

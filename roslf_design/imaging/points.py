@@ -40,7 +40,6 @@ def point_image(source: PointSource, region: Region, wavelengths: tuple[float, .
 
     Parameters
     ----------
-    source : PointSource
     region : Region
         Pixels wanted.
     wavelengths : tuple of float

@@ -105,7 +105,6 @@ def render(
 
     Parameters
     ----------
-    design : Design
     scene : Scene, optional
         None is a white field.
     effects : Plan, optional

@@ -32,7 +32,6 @@ X, Y, SLOPE_X, SLOPE_Y, LENS_AT_X, LENS_AT_Y, LIT, KICK_X, KICK_Y, NEAR, U, V, H
 """Where they begin: the pixel's point, then the ray's height; the microlens's point from its axis, then the
 ray's slope; that axis; 1 or 0; diffraction's kick; what is met: distance, place on it, number, radiance."""
 
-
 NOWHERE = np.zeros(2)
 
 
@@ -235,7 +234,6 @@ def met(surfaces: Surfaces, mouth: float, rays: Floats) -> tuple[Floats, Floats]
 
     Parameters
     ----------
-    surfaces : Surfaces
     mouth : float
         Z [mm].
     rays : ndarray, shape (N, 4)

@@ -109,7 +109,6 @@ def bands(
 
     Parameters
     ----------
-    region : Region
     geometry : callable
         Gives geometric images.
     transfer : MicrolensTransfer

@@ -6,8 +6,6 @@ does everything that a study file asks for: reduce a bore to one stop, trace a f
 choose parts.
 """
 
-from ..theory.quantities import QUANTITIES, quantity_named
-from ..theory.quantity import Quantity
 from .bore import EquivalentPupil, reduce_bore
 from .combinations import Combinations
 from .front import Front, pareto_front
@@ -20,7 +18,6 @@ from .study import OptimizeStudy, Result, load_study, read_study, run
 from .variables import Variable
 
 __all__ = [
-    "QUANTITIES",
     "Answer",
     "Catalogue",
     "Combinations",
@@ -30,7 +27,6 @@ __all__ = [
     "Front",
     "Goal",
     "OptimizeStudy",
-    "Quantity",
     "Ranking",
     "Result",
     "Settings",
@@ -38,7 +34,6 @@ __all__ = [
     "load_catalogue",
     "load_study",
     "pareto_front",
-    "quantity_named",
     "rank",
     "read_study",
     "reduce_bore",

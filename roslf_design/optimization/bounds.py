@@ -41,7 +41,6 @@ CORNERS = 500
 SLICES = 5
 """Parts of a side that are tried when shaving."""
 
-
 OUTER_DIAMETER = "outer_diameter_mm"
 NAMED = 3
 """Parts that are named where a limit refuses many."""

@@ -48,7 +48,6 @@ LOOSE = 0.01
 TOUCHING = 1e-6
 """Scaled rows and variables this close to their limit count as on it."""
 
-
 Tell = CountedProgress
 
 

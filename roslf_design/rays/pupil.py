@@ -22,7 +22,6 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Point = tuple[ArrayLike, ArrayLike]
 
-
 PASSED = (RayFate.KEPT, RayFate.NEIGHBOUR, RayFate.OFF_SENSOR)
 """Past every rim, wherever on the sensor's plane it landed."""
 

@@ -16,7 +16,6 @@ from .._jit import kernel
 
 Floats = NDArray[np.float64]
 
-
 APART, CROSSING, INSIDE, AROUND = 0, 1, 2, 3
 """Relations of disc i to disc j: no common inside, circles cross, i within j (or equal to it), i around j."""
 

@@ -24,7 +24,6 @@ Floats = NDArray[np.float64]
 Array = Floats
 Image = NDArray[np.floating[Any]]
 
-
 PIXEL = 2e-6
 """Seconds that a pixel in the boxes around all parts takes interpreted: the same but for an ulp of a sine or an arc
 tangent, where the libraries' differ."""

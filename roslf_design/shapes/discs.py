@@ -23,7 +23,6 @@ Array = Floats
 EMPTY, CLIPPED, FULL = int(ImageFate.DARK), int(ImageFate.CLIPPED), int(ImageFate.FULL)
 """Fates of disc 0 as kernels take them: nothing left, part left, whole."""
 
-
 INTERPRETED_BELOW = 4096
 """Shapes (times discs) up to which compiling, or even loading compiled code, takes longer than it saves."""
 

@@ -13,7 +13,6 @@ from .pieces import DX, DY, EDGE, LENGTH, OWNER, X, Y, lay_edges, ordered, withi
 
 Array = NDArray[np.float64]
 
-
 INTERPRETED_BELOW = 64
 """Ellipses in all up to which compiling, or even loading compiled code, takes longer than it saves."""
 _GAUSS = np.polynomial.legendre.leggauss(10)

@@ -49,7 +49,6 @@ def depth_of_field(c: Camera, kind: Kind = "refocused") -> _DepthOfField:
 
     Parameters
     ----------
-    c : Camera
     kind : {"refocused", "view"}
         The image refocused to the focal plane, or a single view.
     """

@@ -79,7 +79,6 @@ def texture(c: Camera, plane: Seen) -> Texture:
 
     Parameters
     ----------
-    c : Camera
     plane : Seen
         The plane looked at.
 

@@ -75,7 +75,6 @@ def matched(c: Camera, symbol: Literal["d_2", "D_F", "d", "d_3"], *, exact: bool
 
     Parameters
     ----------
-    c : Camera
     symbol : {"d_2", "D_F", "d", "d_3"}
         Which length.
 

@@ -109,7 +109,6 @@ def scales(c: Camera, place: Place, at: Number | None) -> tuple[Number, Number]:
 
     Parameters
     ----------
-    c : Camera
     place : pair of float or ndarray
         The microlens, from the main lens's axis [mm].
     at : float, ndarray or None

@@ -181,7 +181,6 @@ def across_lenses(shape: LensShape, turn: Number, fx: Array, fy: Array, periods:
 
     Parameters
     ----------
-    shape : LensShape
     turn : float or ndarray
         How far light through a side moves, over how far that is from the microlens's middle [image pitches a pitch].
     fx, fy : ndarray

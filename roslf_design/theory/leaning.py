@@ -27,8 +27,6 @@ def leaning_room(c: Camera, rim: Rim, radius: Array) -> Array:
 
     Parameters
     ----------
-    c : Camera
-    rim : Rim
     radius : ndarray
         As the main lens sees it, of the builds' shape [mm].
     """

@@ -34,7 +34,6 @@ SERIES_FROM, TERMS, TERMS_PER_CYCLE = 64, 24, 2.0
 """Frequencies of a lens from which a circle's transfer is a Chebyshev series along the radius, its terms, and more for
 each cycle of a phase across the aperture: to 1e-12."""
 
-
 GAUSS = ((-math.sqrt(0.6) / 2, 5 / 18), (0.0, 8 / 18), (math.sqrt(0.6) / 2, 5 / 18))
 """Gauss's three points across a side, with weights."""
 

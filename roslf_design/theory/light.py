@@ -108,7 +108,6 @@ def outer_slope(c: Camera, place: ArrayLike) -> Array:
 
     Parameters
     ----------
-    c : Camera
     place : array_like
         Of the microlens, from the main lens's axis [mm].
     """
@@ -132,7 +131,6 @@ def field_angle(c: Camera, place: ArrayLike) -> Array:
 
     Parameters
     ----------
-    c : Camera
     place : array_like
         Of the microlens, from the main lens's axis [mm].
     """
@@ -149,7 +147,6 @@ def falloff(c: Camera, slope: ArrayLike) -> Array:
 
     Parameters
     ----------
-    c : Camera
     slope : array_like
         Index times slope of the chief ray to first order, as `chief_slope` gives it.
     """

@@ -45,7 +45,6 @@ def view_projection(c: Camera, view: ArrayLike) -> Array:
 
     Parameters
     ----------
-    c : Camera
     view : array_like, shape (..., 2)
         (s', t') [px].
 
@@ -70,7 +69,6 @@ def pupil_shear(c: Camera, depth: ArrayLike) -> Array:
 
     Parameters
     ----------
-    c : Camera
     depth : array_like
         Z_F [mm], may be inf.
 
@@ -118,7 +116,6 @@ def depth_sigma(c: Camera, depth: ArrayLike, disparity_sigma: ArrayLike) -> Arra
 
     Parameters
     ----------
-    c : Camera
     depth : array_like
         Z_F [mm].
     disparity_sigma : array_like

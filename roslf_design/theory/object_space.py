@@ -43,7 +43,6 @@ from ..lenses.tracer import (
 
 Floats = NDArray[np.float64]
 
-
 MAIN_LENS, FAP = 1, 2
 """Numbers of openings in rays' states: the main lens, the flexible angular plane (FAP), then the others of
 `Camera.openings_ahead`; 0 for an element's face that no opening of the design stands for."""
@@ -84,7 +83,6 @@ class ObjectSpaceFaces:
 
         Parameters
         ----------
-        camera : Camera
         clip : bool
             Whether clear apertures stop rays.
         """

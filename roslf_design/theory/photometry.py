@@ -33,7 +33,6 @@ def sensor_slope(c: Camera, radius: Number) -> Array:
 
     Parameters
     ----------
-    c : Camera
     radius : float or ndarray
         Of the microlens from the main lens's axis [mm].
     """
@@ -54,7 +53,6 @@ def response(c: Camera, radius: Number) -> Array:
 
     Parameters
     ----------
-    c : Camera
     radius : float or ndarray
         Of the microlens from the main lens's axis [mm].
     """
@@ -133,7 +131,6 @@ def contrast_left(c: Camera, light: Number = 1.0) -> Array:
 
     Parameters
     ----------
-    c : Camera
     light : float or ndarray
         Light of the pixels over that of fully lit ones on the axis.
     """
