@@ -74,6 +74,7 @@ class DisparityStatus(IntEnum):
     TOO_FEW_VIEWS = 6
     AMBIGUOUS = 7
     MIXED = 8
+    FOLDED = 9
 
     @property
     def reason(self) -> str:
@@ -91,6 +92,7 @@ _REASONS = {
     DisparityStatus.TOO_FEW_VIEWS: "too few views",
     DisparityStatus.AMBIGUOUS: "texture repeats: two disparities fit alike",
     DisparityStatus.MIXED: "microlens images overlap: no pixel shows mostly its own microlens",
+    DisparityStatus.FOLDED: "rays fold or are lost about it: nothing tells where its views look",
 }
 
 
@@ -535,8 +537,9 @@ class _Views:
         density = steps[0] if field.hexagonal is not None else 1.0
         shone = (held if captured is None or captured is field else captured.weight).max((0, 1))
         mixed = (shone > _BRIGHT * shone.max()) & ~(held > 0).any((0, 1))
-        unlit = np.where(mixed, DisparityStatus.MIXED, DisparityStatus.NO_LIGHT).astype(np.int8)
-        unlit = np.broadcast_to(unlit, shape)
+        folded = (held > 0).any((0, 1)) & ~known.any(0)
+        unlit = np.where(mixed, DisparityStatus.MIXED, DisparityStatus.NO_LIGHT)
+        unlit = np.broadcast_to(np.where(folded, DisparityStatus.FOLDED, unlit).astype(np.int8), shape)
         return cls(
             np.ascontiguousarray(values), light, full, _read_only(where), _read_only(beside), places,
             _counted(good), _counted(full), unlit, steps, density,

@@ -295,6 +295,8 @@ class Trial(Measurement):
     """Electrons over the full well of the brightest pixels, but for one in a thousand."""
     aliased: float
     """Share of the field whose texture is finer than two microlenses."""
+    texture: Design
+    """The design with the texture that errors are predicted for, as `assumed`."""
 
     def assumes(self) -> dict[str, Any]:
         """Light, texture and matching that the prediction is for, as `evaluate` tells them."""
@@ -500,7 +502,7 @@ def simulate(
     return Trial(
         tuple(runs), true, _predict(texture, runs[0].field, true, actual.traced), scene, part,
         believed, mean, picture, white, viewing, float((exposed >= 1).mean()), float(np.quantile(exposed, 0.999)),
-        _aliased(camera, actual.traced, runs[0].field, _texture_of(scene), true),
+        _aliased(camera, actual.traced, runs[0].field, _texture_of(scene), true), texture,
     )  # fmt: skip
 
 

@@ -62,6 +62,8 @@ CENTRES_DEGREE = 9
 """Order to which images' centres are followed over the array: an aberrated pupil's lie up to 0.5 px off the fifth."""
 AMPLIFIED = 100.0
 """How many times as large as at nodes where rays come through a polynomial's errors may be at all others."""
+ASTRAY = 0.1
+"""Disparity that polynomials may add to what rays at a node have, where they are to say where views look [pitches]."""
 
 
 def _ring(radius: float) -> Array:
@@ -105,7 +107,8 @@ class TracedViews:
         Returns
         -------
         (pupil, aside)
-            P [pupil diameters], NaN where no light comes through, and E [pitches], in place of pupil coordinates s;
+            P [pupil diameters], NaN where no light comes through or rays fold, so that no polynomials carry them over
+            the array, and E [pitches], in place of pupil coordinates s;
             shape (2, t, s, v, u).
         """
         x, y = (axis * float(self.camera.d) for axis in (field.u, field.v))
@@ -117,16 +120,22 @@ class TracedViews:
         image, _, _ = self.image_maps(microlenses(self.design, places))
         # Polynomials over the pupil at each place, then over the places what these are made of.
         over_pupil = np.linalg.pinv(_over_pupil(points.T).T)
-        degree = _degree(places, good, FIELD_DEGREE)
         dark = np.ones((len(y), len(x)), np.bool_)
         coefficients = np.zeros((2, 2, 2, len(over_pupil), *dark.shape))
-        if degree >= 0:
-            # Of what middles see, and of what each itself does: its light, from all over a sample, is a mean of that.
-            middles = np.einsum("kp,lnpc->lckn", over_pupil, looks[:, good])
-            table = np.stack([middles, np.moveaxis(self._polynomials(places)[0][:2, good], 1, -1).swapaxes(1, 2)])
-            coefficients = Polynomials.fitted(*_box(x, y), degree, places[good].T, table).on_grid(x, y)
-            column, row = (np.abs(at - axis[:, None]).argmin(1) for at, axis in ((along, x), (down, y)))
-            dark = ~good.reshape(NODES, NODES)[np.ix_(row, column)]
+        # Of what middles see, and of what each itself does: its light, from all over a sample, is a mean of that.
+        middles = np.einsum("kp,lnpc->lckn", over_pupil, looks)
+        table = np.stack([middles, np.moveaxis(self._polynomials(places)[0][:2], 1, -1).swapaxes(1, 2)])
+        degree = _degree(places, good, FIELD_DEGREE)
+        while degree > 0 and good.sum() > (degree + 1) * (degree + 2):  # twice as many as there are terms
+            fitted = Polynomials.fitted(*_box(x, y), degree, places[good].T, table[..., good])
+            told = np.einsum("ckn,kp->npc", fitted.at(*places[good].T)[0, 1], _over_pupil(points.T))
+            astray = np.abs(_linear(points, told - looks[1, good])).max((1, 2))
+            if astray.max() <= ASTRAY:
+                coefficients = fitted.on_grid(x, y)
+                column, row = (np.abs(at - axis[:, None]).argmin(1) for at, axis in ((along, x), (down, y)))
+                dark = ~good.reshape(NODES, NODES)[np.ix_(row, column)]
+                break
+            good[np.flatnonzero(good)[astray > max(ASTRAY, astray.max() / 2)]] = False  # the worst disturb others
         rows, columns = nodes
         middles, itself = coefficients.astype(np.float32)
         powers = self._powers(field, np.stack(np.meshgrid(x[columns], y[rows]), -1).reshape(-1, 2))

@@ -240,6 +240,17 @@ def test_light_that_is_all_mixed_is_no_darkness():
     assert (nothing.status[:, 8:] == DisparityStatus.NO_LIGHT).all()
 
 
+def test_light_from_nobody_knows_where_is_no_darkness():
+    pupil, _ = disc(5)
+    lit = np.ones((5, 5, 12, 12), np.float32)
+    looks = np.broadcast_to(pupil[..., None, None], (*pupil.shape, 12, 12)).copy()
+    looks[..., 8:] = np.nan
+    lit[..., :4, :] = 0
+    found = estimate_disparity(field_of(lit, lit), looks, PixelNoise(1000), search=(-1, 1))
+    assert (found.status[4:, 8:] == DisparityStatus.FOLDED).all()
+    assert (found.status[:4] == DisparityStatus.NO_LIGHT).all()
+
+
 def test_texture_that_repeats_is_ambiguous_for_few_views_and_known_for_many():
     waves = Texture(np.array([[0.1, np.pi / 2, 0.0, 0.3]]))
     pupil, inside = np.array([[[-0.4, 0.0, 0.4]], [[0.0] * 3]]), np.ones((1, 3), bool)

@@ -318,3 +318,34 @@ def test_centres_of_images_do_not_run_away_where_rays_fold_in_the_corner(tmp_pat
         assert 0.9 < len(lattice.inside(size)) / len(indices) < 1.2
         shares.append(whole.mean())
     assert shares[0] > 0.5 > shares[1] > 0.1 > shares[2]
+
+
+def test_where_rays_fold_nothing_is_said_of_where_views_look(tmp_path):
+    """What is said is what polynomials over a few microlenses say, next to exact; E runs over 18 pitches there."""
+    (tmp_path / "triplet.toml").write_text(TRIPLET)
+    (tmp_path / "head.toml").write_text(HEAD)
+    design = roslf.load(tmp_path / "head.toml")
+    camera = Camera.of(design.thin_twin)
+    traced = TracedViews(design, camera, lambda b: depth_of(camera, b))
+    view = np.arange(-2.0, 3.0)
+    pupil = np.stack(np.meshgrid(view, view)) / 6
+
+    def slopes(u, v):
+        """How far views see to the side over the pupil's width along u, shape (v, u) [pitches]; NaN where unknown."""
+        light = np.ones((5, 5, len(v), len(u)), np.float32)
+        field, nodes = LightField(light, light, view, view, u, v, 5.45), np.arange(0, len(u), max(1, len(u) // 6))
+        seen, aside = traced.sight(field, pupil, (nodes, nodes))
+        slope = np.einsum("s,sji->ji", view * 6 / (view @ view), aside[0, 2])
+        return np.where(np.isfinite(seen).all((0, 1, 2)), slope, np.nan)
+
+    pitch = float(camera.d)
+    inside, corner = ((1.6, 1.2), (2.1, 1.6)), ((1.81, 1.33), (2.54, 1.92))
+    shares = []
+    for low, high in (inside, corner):
+        u, v = (np.round(np.linspace(a, b, 24) / pitch) for a, b in zip(low, high, strict=True))
+        told = slopes(u, v)
+        shares.append(np.isfinite(told).mean())
+        for row, column in np.argwhere(np.isfinite(told))[::60]:
+            near = slopes(u[column] + np.arange(-1.0, 2.0), v[row] + np.arange(-1.0, 2.0))[1, 1]
+            assert abs(told[row, column] - near) < 0.1
+    assert shares[0] > 0.5 > 0.1 > shares[1]

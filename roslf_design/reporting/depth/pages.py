@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+from ...camera import Camera
 from ...depth.estimate import DisparityStatus, epipolar_plane
 from ...depth.measure import REASONS, Measurement, Summary, Trial
 from ...design import Design
 from ...drawing.picture import Picture
 from ...theory.colours import filters
+from ...theory.quantities import QUANTITIES
 from ...words import length, listed, number, percent
 from ..blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table, Tone
 from .pictures import depth_pictures
@@ -275,9 +277,24 @@ def basis(trial: Trial) -> tuple[Block, ...]:
         "Away from depth steps: windows that see two depths are reported as unknown, or take the better side.",
     ]
     notes += optics_notes(trial.believed)
+    if given["texture"] == "the scene's" and "exposure_s" in given:
+        notes.append(_beside_evaluate(design, trial.texture))
     if trial.believed is not trial.raw.design:
         notes[1] = "Depth is computed for another camera than the one that took the pictures: what that costs is shown."
     return Table(tuple(rows), "lll", ("", "", ""), "Light, sensor, texture, matching"), Bullets(tuple(notes))
+
+
+def _beside_evaluate(design: Design, texture: Design) -> str:
+    """Why the predicted error is another than the bound of `roslf evaluate`: each is of its own texture."""
+    own, seen = (Camera.of(one.thin_twin) for one in (design, texture))
+    bound, here = (number(float(QUANTITIES["sigma_z_mm"](camera)), 3) for camera in (own, seen))
+    finest, sample = float(seen["depth.finest"]), float(QUANTITIES["object_sample_mm"](own))
+    return (
+        f"roslf evaluate's bound, {bound} mm in the middle of the focal plane, is for the design's texture. For this "
+        f"scene's, with no detail finer than {length(finest)} ({number(finest / sample, 3)} microlenses "
+        f"there) and {number(float(seen['depth.contrast']), 3)} rms contrast against this part's brightness, it is "
+        f"{here} mm; what is left between that and the error predicted comes of other distances and fields."
+    )
 
 
 def optics_notes(design: Design) -> list[str]:
