@@ -21,7 +21,12 @@ for limit in ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"):
     os.environ.setdefault(limit, str(1 << 30))
 
 settings.register_profile(
-    "repeatable", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True
+    "repeatable",
+    derandomize=True,
+    deadline=None,
+    max_examples=50,
+    suppress_health_check=[HealthCheck.too_slow],
+    print_blob=True,
 )
 settings.register_profile("explore", deadline=None, max_examples=2000)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
@@ -39,6 +44,8 @@ ROOT = Path(__file__).resolve().parent.parent
 
 def pytest_configure(config):
     """Workers begin to read tests at different places: each then finds others' files with their asserts rewritten."""
+    # In pyproject.toml it would have numba, and numpy, imported before the settings above.
+    config.addinivalue_line("filterwarnings", "ignore::numba.NumbaPerformanceWarning")
     worker = getattr(config, "workerinput", None)
     if worker and config.args == ["tests"]:
         places = [path for path in (ROOT / "tests").iterdir() if path.is_dir() or path.match("test_*.py")]

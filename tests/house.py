@@ -21,12 +21,14 @@ from __future__ import annotations
 
 import argparse
 import ast
+import gc
 import json
 import re
 import sys
 import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
+from functools import cached_property
 from itertools import chain
 from pathlib import Path
 
@@ -58,18 +60,18 @@ class Module:
         self.package = parts[:-1]
         self.name = ".".join(self.package if parts[-1] == "__init__" else parts)
 
-    def nodes(self) -> Iterator[tuple[ast.AST, bool]]:
+    @cached_property
+    def nodes(self) -> list[tuple[ast.AST, bool]]:
         """Every statement, with whether it stands inside a function."""
-        todo: list[tuple[ast.AST, bool]] = [(self.tree, False)]
-        while todo:
-            node, inside = todo.pop()
-            yield node, inside
+        found: list[tuple[ast.AST, bool]] = [(self.tree, False)]
+        for node, inside in found:
             deeper = inside or isinstance(node, FUNCTIONS)
-            todo += ((child, deeper) for child in ast.iter_child_nodes(node) if not isinstance(child, ast.expr))
+            found += ((child, deeper) for child in ast.iter_child_nodes(node) if not isinstance(child, ast.expr))
+        return found
 
     def docstrings(self) -> Iterator[ast.Expr]:
         """Docstrings of modules, classes, functions and fields."""
-        for node, _ in self.nodes():
+        for node, _ in self.nodes:
             for item in node.body if isinstance(node, (ast.Module, ast.ClassDef, *FUNCTIONS)) else ():
                 if (
                     isinstance(item, ast.Expr)
@@ -94,7 +96,7 @@ class Module:
     def code(self) -> Iterator[tuple[int, str]]:
         """Lines that are neither blank nor comment, docstring or import, with their numbers."""
         left_out: set[int] = set()
-        imports = (node for node, _ in self.nodes() if isinstance(node, (ast.Import, ast.ImportFrom)))
+        imports = (node for node, _ in self.nodes if isinstance(node, (ast.Import, ast.ImportFrom)))
         for node in chain(self.docstrings(), imports):
             left_out |= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
         for number, line in enumerate(self.text.splitlines(), 1):
@@ -138,7 +140,7 @@ def figures() -> dict[str, list[str]]:
     places: dict[str, list[str]] = defaultdict(list)
     classes: Counter[str] = Counter()
     for module in modules:
-        for node, inside in module.nodes():
+        for node, inside in module.nodes:
             own = module.imported(node, names)
             edges[module.name] |= own
             at = f"{module.place}:{getattr(node, 'lineno', 0)}"
@@ -182,6 +184,7 @@ def figures() -> dict[str, list[str]]:
 
 
 def main() -> int:
+    gc.disable()  # looking for what goes, of which there is nothing, takes half of the time
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--list", metavar="NAME", help="print the places behind one figure")
     parser.add_argument("--write", action="store_true", help="keep the figures as they are now")

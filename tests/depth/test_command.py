@@ -196,6 +196,7 @@ def test_a_strip_from_the_dark_to_whole_images_is_right_all_along():
         assert np.abs(scores[some]).max() < 6
 
 
+@pytest.mark.usefixtures("near_light")
 def test_a_hexagonal_array_whose_images_overlap_has_the_noise_that_is_told():
     """Where two images overlap the white image is twice as bright as elsewhere."""
     wide = {"microlens_array.layout": "hexagonal", "aperture.diameter": 1.3 * roslf.load("paper").D_F}

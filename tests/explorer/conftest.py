@@ -9,11 +9,16 @@ import sys
 
 import pytest
 
+from roslf_design.design import load
+from roslf_design.explorer.state import Look, State, encode
+
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = (
     *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"),
     *("--disable-component-update", "--disable-sync", "--enable-unsafe-swiftshader"),
 )
+
+LINK = encode(State.of(load("paper")), Look())
 
 
 class Explorer:
@@ -95,6 +100,15 @@ class Window:
         self.page.wait_for_selector(".picture svg:visible")
         return self.page
 
+    def bring_back(self, address: str):
+        """The page that is open, as a link to the paper has it; what was done before can still be undone."""
+        if not self.page.url.startswith(address):
+            return self.open(address)
+        self.page.set_viewport_size({"width": 1366, "height": 768})
+        self.page.evaluate("link => new Promise(done => { location.hash = link; setTimeout(done, 50); })", LINK)
+        self.page.wait_for_function("!document.documentElement.dataset.busy")
+        return self.page
+
     def check(self) -> None:
         """Fail where the page complained, or asked anyone but its explorer."""
         assert self.complaints == []
@@ -122,6 +136,13 @@ def window(chromium):
 def page(window, explorer):
     """A page of the explorer at the size of a small laptop's screen."""
     yield window.open(explorer.address)
+    window.check()
+
+
+@pytest.fixture
+def same_page(window, explorer):
+    """The page of the test before, brought back to the paper: to open one is most of what a short test takes."""
+    yield window.bring_back(explorer.address)
     window.check()
 
 

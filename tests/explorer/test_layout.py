@@ -94,8 +94,9 @@ FAULTS_OF_TEXTS = r"""
 """
 """Script that lists texts which are cut by what they lie in, overlap each other, or have a contrast below 4.5."""
 
-SIZES = ((1024, 768), (1440, 900), (390, 844))
-PRESETS = ("paper", "cystoscope", "paper-singlet")
+SMALL, LARGE, NARROW = SIZES = ((1024, 768), (1440, 900), (390, 844))
+SEEN = {"paper": SIZES, "cystoscope": (SMALL, NARROW), "paper-singlet": (SMALL,)}
+"""Screens at which each preset is looked at: every one at the one with least room beside each other."""
 TABS = ("camera", "depth", "tolerance", "optimise", "space")
 WITHOUT_WEBGL = """() => {
   const own = HTMLCanvasElement.prototype.getContext;
@@ -115,26 +116,39 @@ def faults(page):
     return page.evaluate(FAULTS_OF_TEXTS)
 
 
-def test_no_text_is_cut_or_overprinted(page):
+def test_it_fits_every_screen_and_no_text_is_cut_or_overprinted(page):
     # The 3D drawing, in software here, takes longer than all else; its words stand without it.
     page.evaluate(WITHOUT_WEBGL)
     told = {}
-    for name in PRESETS:
+    for name, sizes in SEEN.items():
         preset(page, name)
         if name == "paper-singlet":
             page.wait_for_selector("[data-testid=light-thin_lens_holds]", timeout=60_000)
-        for width, height in SIZES:
+        for width, height in sizes:
             page.set_viewport_size({"width": width, "height": height})
             click(page, "theme")
             for tab in TABS:
                 click(page, f"#tab-{tab}")
                 page.wait_for_timeout(120)  # until the page has told how much room its pictures have
-                told[name, width, tab] = faults(page)
+                told[name, width, tab] = faults(page) + wide(page, width, height)
             for panel in page.locator(".verdicts details.menu").all():
                 panel.evaluate("(e) => { e.open = true; }")
                 told[name, width, panel.get_attribute("data-testid")] = faults(page)
                 panel.evaluate("(e) => { e.open = false; }")
     assert {place: texts for place, texts in told.items() if texts} == {}
+
+
+def wide(page, width, height):
+    """What is larger than it has room for: the page, and pictures."""
+    found = page.evaluate(
+        """() => [document.documentElement.scrollWidth, document.documentElement.scrollHeight,
+        ...[...document.querySelectorAll(".picture:not(.space)")].filter((e) => e.checkVisibility())
+            .filter((e) => e.querySelector("svg")?.getBoundingClientRect().width > e.getBoundingClientRect().width + 1)
+            .map((e) => e.dataset.picture)]"""
+    )
+    page_width, page_height, *pictures = found
+    # On a narrow screen one scrolls down.
+    return [*pictures, *["page"] * (page_width > width or (page_height > height and width > 900))]
 
 
 def test_texts_that_are_cut_or_overprinted_are_noticed(page):
@@ -144,7 +158,8 @@ def test_texts_that_are_cut_or_overprinted_are_noticed(page):
     assert {fault.split()[0] for fault in faults(page)} == {"cut", "overprinted", "pale,"}
 
 
-def test_it_says_that_it_starts_until_the_page_is_there(page, chromium, explorer):
+def test_it_says_that_it_starts_until_the_page_is_there(same_page, chromium, explorer):
+    page = same_page
     assert not page.locator(".wait").is_visible()
     early = chromium.new_page()
     early.route("**/assets/*.js", lambda route: route.abort())
