@@ -17,7 +17,7 @@ from roslf_design.evaluation.evaluate import held_to
 from roslf_design.reporting import story
 from roslf_design.reporting.blocks import Report
 from roslf_design.reporting.sheet import lines as datasheet
-from roslf_design.reporting.sheet.lines import DEPTH, EXPECTED, datasheet_section
+from roslf_design.reporting.sheet.lines import DEPTH, EXPECTED, basis, datasheet_report, datasheet_section
 from roslf_design.reporting.sweep import sweep_picture
 from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.limits import limits
@@ -464,6 +464,15 @@ def test_a_sweep_marks_the_design_where_it_is_among_what_is_swept():
             own = [mark for mark in panel.marks if getattr(mark, "testid", "") == "own"]
             assert [float(mark.x[0]) for mark in own] == [120.0] * marked
             assert [float(mark.y[0]) for mark in own if more] == [2.9] * (marked and bool(more))
+
+
+def test_a_sheet_says_on_every_page_whose_it_is_and_is_signed_on_its_first():
+    page = datasheet_report(basis(roslf.load("paper")), "B", "2026-11-29")
+    (section,) = page.sections
+    head, signed = section.blocks[:2]
+    assert (head.title, signed.title) == ("This sheet", "Signed")
+    shown = dict(head.rows)["hash of the design"].split()[0]
+    assert page.footer == f"Zhou 2023 bench system; revision B, hash of the design {shown}, date 2026-11-29"
 
 
 def test_a_sweep_has_one_legend_and_the_limits_of_its_design():
