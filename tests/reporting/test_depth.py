@@ -8,7 +8,7 @@ import pytest
 import roslf_design as roslf
 from roslf_design.depth.measure import Summary, assumed
 from roslf_design.depth.pictures import default_scene
-from roslf_design.reporting.depth.pages import beside_evaluate, statements
+from roslf_design.reporting.depth.pages import _beside_evaluate, statements
 
 
 def said(windows, spread=0.010, inside=0.68, bias=0.0, tail=0.0):
@@ -57,7 +57,7 @@ def test_a_tick_stands_beside_what_holds_only(windows, faults, tones):
 def test_the_wall_s_predicted_error_and_evaluate_s_bound_differ_by_their_textures():
     """Evaluate of the same texture says the same: detail of 2.5 microlenses, contrast against a part a tenth darker."""
     paper = roslf.load("paper")
-    text = beside_evaluate(paper, assumed(paper, default_scene(paper), 5, 0.45))
+    text = _beside_evaluate(paper, assumed(paper, default_scene(paper), 5, 0.45))
     sample = roslf.evaluate(paper).sampling.object_sample_mm
     alike = {"depth.finest": 2.5 * sample, "depth.contrast": 0.1 / 0.9}
     for design in (paper, paper.replace(alike)):

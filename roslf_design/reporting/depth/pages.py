@@ -278,13 +278,13 @@ def basis(trial: Trial) -> tuple[Block, ...]:
     ]
     notes += optics_notes(trial.believed)
     if given["texture"] == "the scene's" and "exposure_s" in given:
-        notes.append(beside_evaluate(design, trial.texture))
+        notes.append(_beside_evaluate(design, trial.texture))
     if trial.believed is not trial.raw.design:
         notes[1] = "Depth is computed for another camera than the one that took the pictures: what that costs is shown."
     return Table(tuple(rows), "lll", ("", "", ""), "Light, sensor, texture, matching"), Bullets(tuple(notes))
 
 
-def beside_evaluate(design: Design, texture: Design) -> str:
+def _beside_evaluate(design: Design, texture: Design) -> str:
     """Why the predicted error is another than the bound of `roslf evaluate`: each is of its own texture."""
     own, seen = (Camera.of(one.thin_twin) for one in (design, texture))
     bound, here = (number(float(QUANTITIES["sigma_z_mm"](camera)), 3) for camera in (own, seen))
