@@ -52,18 +52,6 @@ def test_a_port_in_use_is_told(capsys):
     assert f"--port: {port} is in use; name another, or leave it out" in capsys.readouterr().err
 
 
-def test_without_a_port_the_next_free_one_is_taken_and_all_ends_when_asked():
-    one, two = Explorer(), Explorer()
-    ports = [int(running.address.rsplit(":", 1)[1].strip("/")) for running in (one, two)]
-    assert FIRST_PORT <= ports[0] < ports[1]
-    for running, number in ((one, signal.SIGHUP), (two, signal.SIGINT)):  # SIGTERM ends the one that tests share.
-        assert asked(running.address)[0] == 200
-        assert len(running.processes()) == 1
-        assert running.end(number) == 0
-        assert running.stderr == ""
-        assert running.processes() == []
-
-
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
@@ -187,13 +175,12 @@ def rpc(number, method, *arguments):
     return struct.pack("<III", number, 0, len(body)) + body
 
 
-def test_tabs_that_are_gone_in_the_midst_of_an_answer_leave_no_word():
-    running = Explorer("--port", "0")
-    port = int(running.address.rsplit(":", 1)[1].strip("/"))
+def tabs_go_in_the_midst_of_an_answer(address):
+    port = int(address.rsplit(":", 1)[1].strip("/"))
 
     async def connect_and_break(moment):
         async with aiohttp.ClientSession() as client:
-            connection = await client.ws_connect(f"{running.address}ws")
+            connection = await client.ws_connect(f"{address}ws")
             await connection.send_bytes(rpc(1, "wslink.hello", {"secret": "wslink-secret"}))
             await connection.send_bytes(rpc(2, "trame.trigger", "opened", ["", "light", {}], {}))
             await connection.send_bytes(rpc(3, "trame.trigger", "look", ["tab", "space"], {}))
@@ -216,9 +203,20 @@ def test_tabs_that_are_gone_in_the_midst_of_an_answer_leave_no_word():
     with socket.create_connection(("127.0.0.1", port), timeout=10) as connection:
         connection.sendall(b"no request\r\n\r\n")
         assert connection.recv(100).split()[1] == b"400"
-    assert asked(running.address)[0] == 200
-    assert running.end() == 0
-    assert running.stderr == ""
+    assert asked(address)[0] == 200
+
+
+def test_without_a_port_the_next_free_one_is_taken_and_all_ends_when_asked_without_a_word_of_tabs_that_are_gone():
+    one, two = Explorer(), Explorer()
+    ports = [int(running.address.rsplit(":", 1)[1].strip("/")) for running in (one, two)]
+    assert FIRST_PORT <= ports[0] < ports[1]
+    tabs_go_in_the_midst_of_an_answer(one.address)
+    for running, number in ((one, signal.SIGHUP), (two, signal.SIGINT)):  # SIGTERM ends the one that tests share.
+        assert asked(running.address)[0] == 200
+        assert len(running.processes()) == 1
+        assert running.end(number) == 0
+        assert running.stderr == ""
+        assert running.processes() == []
 
 
 WINDOWS = """
@@ -242,11 +240,10 @@ def windows(monkeypatch, tmp_path):
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), str(Path(__file__).parents[2])]))
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_it_starts_and_ends_where_the_system_has_no_signals_of_unix(windows, number):
+def test_it_starts_and_ends_where_the_system_has_no_signals_of_unix(windows):
     running = Explorer("--port", "0")
     assert asked(running.address)[0] == 200
-    assert running.end(number) == 0
+    assert running.end() == 0
     assert running.stderr == ""
 
 
