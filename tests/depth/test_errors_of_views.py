@@ -52,14 +52,13 @@ def test_noise_that_neighbours_share_widens_the_errors_where_it_is_and_not_elsew
     assert wider == pytest.approx(scatter[1] / scatter[0], rel=0.2)
 
 
-@pytest.mark.parametrize("seed", [4, 5])
-def test_a_bend_within_a_window_counts_as_an_error(seed):
+def test_a_bend_within_a_window_counts_as_an_error():
     middle, radius, noise = SIZE[1] / 2, 400.0, 3e-3
 
     def bent(u):
         return 0.5 + (u - middle) ** 2 / (2 * radius)
 
-    views = seen(bent, seed)
+    views = seen(bent, 4)
     views = views + np.random.default_rng(1).normal(0, noise, views.shape).astype(np.float32)
     inner = INNER, slice(38, 82)
     found = estimate(views, noise)
