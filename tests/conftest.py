@@ -82,12 +82,14 @@ def near_light(monkeypatch):
     What comes from farther is still counted, as even light: for pictures that are compared with each other, or to 1 %.
     """
     monkeypatch.setattr(transfer, "LEAST_HALO", 24)
+    monkeypatch.setattr(transfer, "LEAST_PITCHES", 0)
 
 
 @pytest.fixture
 def light_from_48_px(monkeypatch):
     """Diffraction brings light from 48 pixels around, all but 0.4 % of it: a third of the rays of small regions."""
     monkeypatch.setattr(transfer, "LEAST_HALO", 48)
+    monkeypatch.setattr(transfer, "LEAST_PITCHES", 0)
 
 
 @pytest.fixture

@@ -37,6 +37,9 @@ WIDER = 0.02
 BENT = 5e-4
 """Share of their size by which images between such places may differ along an axis from what is interpolated: light at
 their rims goes over from one microlens to the next within a few hundredths of it, and looks a pitch aside."""
+ASIDE, RIM, SAME = 0.005, 0.5 * np.eye(2), 4.0
+"""Pitches by which what views from places on the FAP's rim see aside may differ likewise, as phases of waves go with
+that; times either by which whole images may differ where one stands for all."""
 COARSE = 9
 """Places along each axis at which is looked whether any is cut."""
 BLOCK, COMMON = 32, 12.0
@@ -132,19 +135,22 @@ class _Nodes(NamedTuple):
         some = places[np.ix_(rows, columns)].reshape(-1, 2)
         images = _cut(camera, some, real)
         shapes = _images(some, real).reshape(rows.size, columns.size, -1)
+        rim = np.broadcast_to(RIM[:, None], (2, len(some), 2))
+        beside = np.zeros_like(rim) if real is None else real.aside(some, rim)
+        curves = np.concatenate([shapes / BENT, np.moveaxis(beside, 1, 0).reshape(*shapes.shape) / ASIDE], -1)
         apart = shapes * (STEP / WIDER)
         if (images.shapes.kept_fraction < 1 - 1e-9).any():
             centres, spans = images.openings.centres, images.openings.spans
             cuts = ((centres - centres[..., :1, :]) / spans[..., :1, None]).reshape(rows.size, columns.size, -1)
             apart = np.concatenate([apart, cuts], -1)
-        elif np.ptp(apart, axis=(0, 1)).max() < STEP / 4:
+        elif np.ptp(curves, axis=(0, 1)).max() < SAME:
             return cls(rows[rows.size // 2, None], columns[columns.size // 2, None], (1, 1))
         counts = []
         for axis, at in enumerate((rows, columns)):
             moved = float(np.ptp(apart, axis=axis).max(initial=0.0))
-            ahead, line = (at / max(at[-1], 1))[:, None, None], np.moveaxis(shapes, axis, 0)
+            ahead, line = (at / max(at[-1], 1))[:, None, None], np.moveaxis(curves, axis, 0)
             bent = float(np.abs(line - line[0] - ahead * (line[-1] - line[0])).max())  # a quarter with a node between
-            counts.append([max(2, math.ceil(far) + 1) for far in (moved / STEP, math.sqrt(bent / BENT))])
+            counts.append([max(2, math.ceil(far) + 1) for far in (moved / STEP, math.sqrt(bent))])
         few, fine = np.transpose(counts)
         every = np.maximum(few, fine)
         less = [min(1.0, math.sqrt(MOST / math.prod(each.tolist()))) for each in (few, every)]

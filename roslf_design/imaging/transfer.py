@@ -36,6 +36,10 @@ CORE = 512
 LEAST_HALO, MOST_HALO = 96, 1024
 """Pixels around them that lend their light, at least and at most."""
 
+LEAST_PITCHES = 10.0
+"""Microlenses around them that do, at least: where tails end at four and a half, waves that fall off the lattice are
+turned by 2 mrad, and what is seen two pitches aside stands .002 to .02 pitches off."""
+
 BEYOND = 1e-3
 """Share of a pixel's variance that few rays may bring."""
 
@@ -94,7 +98,7 @@ def halo(transfer: MicrolensTransfer, pixel: float, tolerance: float) -> int:
     blur = max(transfer.wavelengths, default=0.0) * transfer.sensor_distance / transfer.width
     defocused = transfer.width * transfer.sensor_distance * abs(transfer.defocus)
     reach = blur / (4 * math.pi**2 * tolerance) + defocused if tolerance > 0 else math.inf
-    return int(min(max(LEAST_HALO, reach / pixel), MOST_HALO))
+    return int(min(max(LEAST_HALO, LEAST_PITCHES * transfer.width / pixel, reach / pixel), MOST_HALO))
 
 
 def bands(

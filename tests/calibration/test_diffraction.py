@@ -226,6 +226,7 @@ def captured(root, place, **changes):
     save(design, place / "small.toml")
     with pytest.MonkeyPatch.context() as patch:  # a quarter of the rays less; what is beyond counts as even light
         patch.setattr("roslf_design.imaging.transfer.LEAST_HALO", 32)
+        patch.setattr("roslf_design.imaging.transfer.LEAST_PITCHES", 0)
         patch.setattr(module, "capture", functools.partial(module.capture, rays=16))
         written = list(module.make(design, place, boards=4, cell=CELL, tilt=35.0))
     assert len(written) == 10

@@ -19,6 +19,7 @@ def fewer_rays(patch):
     Depths scatter twice as much, and as many are known: where what is said of them counts, not how good they are.
     """
     patch.setattr(transfer, "LEAST_HALO", 48)
+    patch.setattr(transfer, "LEAST_PITCHES", 0)
     patch.setattr(pictures, "RAYS", pictures.RAYS // 4)
     patch.setattr(pictures, "LEAST_RAYS", pictures.LEAST_RAYS // 4)
 

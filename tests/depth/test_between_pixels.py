@@ -101,6 +101,7 @@ def field_without(field):
 def test_microlenses_of_the_margin_are_lit_however_many_pixels_they_have(monkeypatch):
     """Of coarse pitches, light that diffracts reaches less far than the margin: it was left dark, and measured so."""
     monkeypatch.setattr("roslf_design.imaging.transfer.LEAST_HALO", 24)
+    monkeypatch.setattr("roslf_design.imaging.transfer.LEAST_PITCHES", 0)
     design = roslf.load("paper")
     scene, part = default_scene(design), Region(2280, 1520, 40, 40)
     shown = Unexposed.of(design, scene, Framed.of(design, scene, part), rays=16).scene.pixels

@@ -102,6 +102,7 @@ def test_views_look_where_exact_rays_meet_the_scene(design, fields):
 )
 def test_a_wall_stands_where_it_is(name, disparity, aside, finest, least, around, monkeypatch):
     monkeypatch.setattr(transfer, "LEAST_HALO", around)
+    monkeypatch.setattr(transfer, "LEAST_PITCHES", 0)
     design = roslf.load(name)
     camera = Camera.of(design)
     z = float(depth_of(camera, np.asarray(disparity)))

@@ -189,6 +189,37 @@ def test_images_between_those_worked_out_are_as_snell_has_them(design):
     assert np.abs(off).max() < 1e-3 * np.abs(known).max()
 
 
+def test_views_between_places_worked_out_look_as_snell_has_them():
+    # .035 pitches off they were, linear from corner to corner of 23 microlenses, and their phases a tenth of it: a wall
+    # stood .005 pitches off.
+    design = roslf.load("paper-singlet").replace({
+        "main_lens.prescription": "AC254-100-A", "main_lens.reversed": True, "main_lens.focal_plane": 380.0,
+        "aperture.diameter": 3.3, "aperture.distance": 155.0, "microlens_array.pitch": 0.034,
+        "microlens_array.focal_length": 0.66, "sensor.distance": 0.66,
+    })  # fmt: skip
+    camera, oracle = Camera.of(design.thin_twin), Snell(design)
+    u, v = -108 + np.arange(23.0), 24 + np.arange(23.0)
+    blank = np.ones((1, 1, v.size, u.size), np.float32)
+    like = LightField(blank, blank, np.zeros(1), np.zeros(1), u, v, 10.0)
+    light = ViewLight(camera, like, TracedViews(design, camera, lambda b: depth_of(camera, b)))
+    z = oracle.mounted.first_order.front_principal - float(depth_of(camera, np.asarray(0.0)))
+
+    def beside(place):
+        """How far a point of the FAP's rim sees aside of the chief ray [pitches]."""
+        middle, ellipse = oracle.image(place)
+        around = place + design.d * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+        chief = np.stack([oracle.crossing(c, oracle.seeing(c, np.zeros((1, 2)))[0], z) for c in around])
+        steps = np.stack([chief[1] - chief[2], chief[3] - chief[4]], -1) / 2
+        return np.linalg.solve(steps, oracle.crossing(place, middle + ellipse[0] / 2, z) - chief[0])
+
+    rows, columns, _ = light.nodes
+    known = np.stack([beside(place) for place in light.places[np.ix_(rows, columns)].reshape(-1, 2)])
+    over = NodeMap.of(rows, columns, (v.size, u.size), (v.size, u.size))(known.T)
+    some = [(11, 11), (6, 17), (2, 5)]
+    off = [over[..., row, column] - beside(light.places[row, column]) for row, column in some]
+    assert np.abs(off).max() < 0.01
+
+
 @pytest.mark.parametrize("focal_length", [2.1, 2.0])
 def test_waves_behind_a_lens_without_faults_are_those_of_an_ideal_one(focal_length):
     # Out of focus on the FAP, each side of a microlens puts what it sees elsewhere on the sensor.
