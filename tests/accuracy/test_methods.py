@@ -149,9 +149,7 @@ def test_a_series_of_another_aperture_is_judged_wrong_though_both_series_are_of_
     monkeypatch.setattr(waves, "transfer", other)
     wrong = waves.harmonic_series(job)
     monkeypatch.setattr(references, "alike_series", lambda job: wrong)
-    reference.cache_clear()
-    assert job.error(wrong, reference(job)) > 1e-3
-    reference.cache_clear()
+    assert job.error(wrong, reference.__wrapped__(job)) > 1e-3  # not the one that is kept
 
 
 @pytest.mark.parametrize("name", ["paper", "rigid-scope", "ear-speculum"])

@@ -45,13 +45,13 @@ def test_promised_errors_are_those_of_repeated_calibrations():
     captures = Captures(boards=6, views=3)
     promised = expected_errors(CAMERA, EXACT, captures, samples=16)
     found = []
-    for k in range(40):
+    for k in range(24):
         rng = np.random.default_rng([5, k])
         observations = synthetic_observations(CAMERA, random_poses(captures, 120.0, rng), captures, rng)
         fit = calibrate(observations, EXACT).fit
         found.append((fit.camera.A, 100 + (100 - fit.camera.A) / fit.camera.m, 1 / fit.camera.inverse_d_2))
     for name, values in zip(("A", "d_3", "d_2"), np.transpose(found), strict=True):
-        assert values.std() == pytest.approx(promised.sigma[name], rel=0.35)  # 40 trials: 11 %; poses: 20 %
+        assert values.std() == pytest.approx(promised.sigma[name], rel=0.35)  # 24 trials: 15 %; poses: 20 %
 
 
 def test_tilt_is_what_d_3_needs():
