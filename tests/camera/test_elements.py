@@ -76,7 +76,7 @@ def discs_end_at_rims(design):
     camera = Camera.of(design)
     c = 3.0
     images = MicrolensImages(camera, [(c, 0.0)])
-    centres, radii = (np.asarray(part)[0, 0] for part in images.discs)
+    centres, radii = (part[0, 0] for part in (images.openings.centres, images.openings.radii))
     with mp.workdps(40):
         for stop, centre, radius in zip((design.aperture, None, *design.stops), centres, radii, strict=True):
             if stop is None or not np.isfinite(radius) or radius > 1e3:

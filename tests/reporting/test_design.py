@@ -330,7 +330,7 @@ def test_three_designs_of_different_scale_and_stops_fit_and_one_is_refused():
 
 def test_a_pdf_tells_date_version_and_command_at_its_foot_unless_asked_not_to(tmp_path, monkeypatch, capsys):
     pytest.importorskip("typst", reason="the typst package is not installed")
-    monkeypatch.setattr("roslf_design.commands.report.maker", lambda *_: lambda **_: Report("x", "", ()))
+    monkeypatch.setattr("roslf_design.commands.report.maker", lambda *_: lambda **_: Report(load("paper").name, "", ()))
     feet = []
     monkeypatch.setattr("roslf_design.commands.report.render_pdf", lambda made, _: feet.append(made.footer) or b"")
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "951782400")  # 2000-02-29, 00:00 UTC

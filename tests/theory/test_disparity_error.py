@@ -144,7 +144,7 @@ def test_cut_images_cost_what_their_second_moment_says(kept, cost):
     x = brentq(lambda x: at(x) - kept, 0.01, 3.2)
     shapes = MicrolensImages(camera, [(x, 0.0)]).shapes
     along, _, across = shapes.second_moments[0, 0] / (
-        float(MicrolensImages(camera, [(0, 0)]).discs[1][0, 0, 0]) ** 2 / 4
+        float(MicrolensImages(camera, [(0, 0)]).openings.radii[0, 0, 0]) ** 2 / 4
     )
     assert 1 / np.sqrt(kept * along) == pytest.approx(cost, rel=0.035)  # printed to two digits, as the share kept is
     # The texture has all directions: the mean of both.

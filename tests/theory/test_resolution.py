@@ -30,9 +30,11 @@ def transfer_of(design, at=None, way=(1.0, 0.0)):
     """On the axis; the view's pixel lies where its light's middle is. Frequencies are those on the array."""
     camera = Camera.of(design)
     images = MicrolensImages(camera, [(0.0, 0.0)])
-    (centres, radii), middle = images.discs, images.shapes.centroid[0, 0]
+    opened, middle = images.openings, images.shapes.centroid[0, 0]
     rate = float(image_rate(camera, at))
-    return FieldTransfer(camera, Openings.of_discs(centres[0, 0], radii[0, 0]), tuple(middle), rate, 1.0, 1.0, way, 1.0)
+    return FieldTransfer(
+        camera, Openings.of_discs(opened.centres[0, 0], opened.radii[0, 0]), tuple(middle), rate, 1.0, 1.0, way, 1.0
+    )
 
 
 def opening(transfer):
