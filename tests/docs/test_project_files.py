@@ -52,3 +52,4 @@ def test_keys_described_on_the_pages_are_those_of_classes_there_are(root):
     classes = set(re.findall(r"(?m)^class (\w+)", code))
     described = tomllib.loads((root / "roslf_design/reporting/keys.toml").read_text())
     assert {name for name in described if not name.startswith("[")} <= classes
+    assert tomllib.loads((root / "docs/_ext/keys.toml").read_text())
