@@ -254,7 +254,7 @@ def _slip_of_unit(asked: Required, low: float | None, high: float | None, value:
     """Question about a limit's unit, where the next one is about a thousand times nearer to what the design has."""
     text, limit = (asked.max, high) if high is not None and value > high else (asked.min, low)
     typed = next((one for one in STEPS if re.fullmatch(rf"[\d.e+-]+\s*{one}", str(text))), None)
-    if typed is None or not limit or not 0 < value < math.inf:
+    if typed is None or not limit or not 0 < value / limit < math.inf:
         return ""
     steps = math.log10(value / limit) / 3
     meant = STEPS.index(typed) + round(steps)

@@ -296,6 +296,7 @@ def test_limits_are_judged_in_the_same_run_as_the_design_s_own_faults(tmp_path):
         ("u_z_mm", {"max": "0.1 um"}, "0.1 um: did you mean mm? the design has 0.126 mm"),
         ("u_z_mm", {"max": "0.01 mm"}, ""),
         ("working_distance_mm", {"min": "1 m"}, ""),
+        ("d_3", {"max": "-1 mm"}, ""),
         ("fill_factor", {"min": 1000}, ""),
     ],
 )
