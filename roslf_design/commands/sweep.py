@@ -35,6 +35,7 @@ DIMENSIONS = {
     "lx": "illuminance",
     "W/m2/sr": "radiance",
     "s": "time",
+    "degC": "temperature",
 }
 """Dimensions of base units, as `read_quantity` calls them; a number without a unit has none."""
 NUMBER = r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"

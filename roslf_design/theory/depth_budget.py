@@ -195,7 +195,7 @@ def depth_budget(
             terms.append(BudgetTerm(OVERLAP, "B", "precision", overlap, remark))
     terms += _lengths(c, at, build, calibration)
     warmth = temperature_error(c, at)
-    remark = "no temperatures are given (environment.range, calibrated_at)"
+    remark = "neither environment.range nor calibrated_at is given"
     met = temperatures_met(c)
     if met is not None:
         coldest, warmest, known = map(_typical, met)

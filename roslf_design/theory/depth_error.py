@@ -91,7 +91,7 @@ def temperatures_met(c: Camera) -> tuple[Number, Number, Number] | None:
     the middle of the range. None where neither is given, or lengths are as measured.
     """
     ends = [c.numbers.get(place) for place in TEMPERATURES]
-    if c.growth is None or ends == [None] * 3:
+    if c.growth is None or all(end is None for end in ends):
         return None
     coldest, warmest = (c[TEMPERATURE] if end is None else end for end in ends[:2])
     return coldest, warmest, (coldest + warmest) / 2 if ends[2] is None else ends[2]

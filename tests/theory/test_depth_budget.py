@@ -172,6 +172,20 @@ def test_temperature_says_where_it_counts_from():
     assert depth_budget(Camera.of(PAPER)).to_dict()["calibrated_at_degc"] is None
 
 
+@pytest.mark.parametrize(("known", "swept"), [("range", "range.0"), ("calibrated_at", "calibrated_at")])
+def test_temperatures_are_swept_with_the_other_kind_left_out(known, swept):
+    """Of arrays whether any is given is no truth value."""
+    value = {"range": ("15 degC", "40 degC"), "calibrated_at": "18 degC"}
+    nothing = {"environment.range": None, "environment.calibrated_at": None}
+    design = WARM.replace(nothing | {f"environment.{known}": value[known]})
+    table = roslf.sweep(design, {f"environment.{swept}": [10.0, 20.0]}, "u_z_mm")
+    told = table.values["u_z_mm"]
+    assert table.units[f"environment.{swept}"] == "degC"
+    first = Camera.of(design, {f"environment.{swept}": 10.0})
+    assert told[0] == pytest.approx(float(QUANTITIES["u_z_mm"](first)), rel=1e-12)
+    assert told[1] != told[0]
+
+
 def test_without_a_range_temperature_counts_from_there_to_its_own():
     alone = WARM.replace({"environment.range": None, "environment.calibrated_at": "18 degC"})
     budget = terms(depth_budget(Camera.of(alone)))["temperature"]
