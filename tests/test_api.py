@@ -89,6 +89,12 @@ def test_an_argument_of_the_wrong_kind_is_refused_in_our_words(name):
     assert str(error.value).endswith("; got int")
 
 
+@pytest.mark.parametrize("one", ["paper", roslf.load("paper")])
+def test_many_may_be_one_design(one):
+    """Python would take a name by its letters, and a design by its parts."""
+    assert len(roslf.evaluate_many(one, ["fill_factor"])) == 1
+
+
 def test_a_design_is_no_study():
     for function in (roslf.tolerance, roslf.optimize):
         with pytest.raises(roslf.InputError, match=r'design = "mine\.toml"; got Design'):

@@ -27,7 +27,7 @@ ANSWERS = (
 
 
 def evaluate_many(
-    designs: Mapping[str, Design | str | Path] | Iterable[Design | str | Path],
+    designs: Design | str | Mapping[str, Design | str | Path] | Iterable[Design | str | Path],
     quantities: Sequence[str] = ANSWERS,
     *,
     at: Distance | tuple[Distance] | None = None,
@@ -39,7 +39,7 @@ def evaluate_many(
 
     Parameters
     ----------
-    designs : iterable of Design, str or Path, or mapping
+    designs : Design or str, or iterable of Design, str or Path, or mapping
         Designs, names of presets, design files; a mapping gives each row its name, which else is the preset, the path,
         or the design's own name.
     quantities : sequence of str
@@ -74,6 +74,8 @@ def evaluate_many(
     """
     at = one_distance(at)
     known = quantities_of_cameras(quantities, at)
+    if isinstance(designs, (Design, str)):  # of which Python would take the parts
+        designs = [designs]
     expect(designs, "designs", Iterable, "a list of designs, or a mapping of names to them")
     named = list(designs.items()) if isinstance(designs, Mapping) else [(_name(one), one) for one in designs]
     if not named:

@@ -51,7 +51,7 @@ SCHEMA = "roslf.optimization/1"
 DIVERGES = re.compile(r"elements\.\d+\.focal_length|main_lens\.surfaces\.\d+\.radius")
 """Places that are below 0 of what diverges."""
 FIXED_POINTS = 32
-"""Points of the bounds, beside two corners, at which a value that nothing varies is told from others."""
+"""Points of the bounds, beside some of their corners, at which a value that nothing varies is told from others."""
 
 
 class StudyTable(StrictTable):
@@ -174,7 +174,8 @@ class StudyTable(StrictTable):
         """
         if self.catalogue is not None or self.rims:
             return
-        units = np.vstack([np.zeros(problem.n), np.ones(problem.n), sobol_units(problem.n, FIXED_POINTS, 0)])
+        ends = np.vstack([np.eye(problem.n), np.zeros(problem.n)])
+        units = np.vstack([ends, 1 - ends, sobol_units(problem.n, FIXED_POINTS, 0)])
         with np.errstate(all="ignore"):  # of points that are no cameras
             cameras = problem.cameras(units)
             for key, limit in self._limits(problem.design).items():
