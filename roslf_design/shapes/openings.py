@@ -109,7 +109,9 @@ class Openings(NamedTuple):
         """Which are discs."""
         return [k for k in range(self.total) if k not in self.polygons and k not in self.ellipses]
 
-    def at(self, index: int | NDArray[np.bool_] | NDArray[np.intp] | tuple[slice | int, ...]) -> Openings:
+    def at(
+        self, index: int | NDArray[np.bool_] | NDArray[np.intp] | tuple[slice | int | NDArray[np.intp], ...]
+    ) -> Openings:
         """Openings of some microlenses."""
         centres, radii, corners, forms = (
             part[index] for part in (self.centres, self.radii, self.corners, self.matrices)

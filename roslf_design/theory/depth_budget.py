@@ -17,6 +17,7 @@ from ..words import listed, uncertainty
 from .depth_error import (
     MOST_FILL,
     depth_error,
+    fill_left,
     lengths_error,
     overlap_error,
     seen_at,
@@ -24,7 +25,6 @@ from .depth_error import (
     temperatures_met,
 )
 from .disparity_error import axial_disparity_sigmas
-from .f_number import fill_factor
 from .length_covariance import CalibratedLengths, LengthCovariance
 from .photometry import NOTHING, Beside
 from .quantity import Depth
@@ -189,9 +189,7 @@ def depth_budget(
         ]
         overlap = overlap_error(c)
         if np.any(overlap):
-            remark = (
-                f"image fill {_typical(fill_factor(c)):.3g}: beyond {MOST_FILL[c.layout]} views cannot be told apart"
-            )
+            remark = f"image fill {_typical(fill_left(c)):.3g}: beyond {MOST_FILL[c.layout]} views cannot be told apart"
             terms.append(BudgetTerm(OVERLAP, "B", "precision", overlap, remark))
     terms += _lengths(c, at, build, calibration)
     warmth = temperature_error(c, at)

@@ -120,7 +120,16 @@ def overlap_error(c: Camera) -> Array:
     0 where the design gives the disparity's error, which counts that.
     """
     told = "depth.disparity_error" in c.numbers
-    return np.where(told | ~(np.real(fill_factor(c)) > MOST_FILL[c.layout]), 0.0, np.inf)[()]
+    return np.where(told | ~(fill_left(c) > MOST_FILL[c.layout]), 0.0, np.inf)[()]
+
+
+def fill_left(c: Camera) -> Array:
+    """Image fill on the axis of what stops leave of the FAP, as a disc's of the same area; looked at beyond 1 only."""
+    whole = np.real(fill_factor(c))
+    if not np.any(whole > 1.0):
+        return whole
+    left = MicrolensImages(c, [(0.0, 0.0)]).shapes.kept_fraction[0].reshape(c.shape)
+    return np.where(whole > 1.0, whole * np.sqrt(left), whole)[()]
 
 
 def expected_error(c: Camera, at: Depth | Array) -> Array:

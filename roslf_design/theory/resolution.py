@@ -147,14 +147,17 @@ def axial_limit(c: Camera, rate: Number, level: float) -> Array:
     reach = ratio(1.0, c.wavelength * c.seen.d_2 / diameter)
     low, high = np.zeros(shape), np.broadcast_to(_end(lens, rate, reach), shape)
     pupil, openings, limits = c.fap.outline.sized(reach), MicrolensImages(c, [(0.0, 0.0)]).openings.at(0), []
-    for way in pupil.ways if openings.unclipped else ((1.0, 0.0), (0.0, 1.0)):  # the softer one counts
+    cut = np.broadcast_to((openings.rooms[..., 1:] < 0).any(-1).reshape(c.shape), shape)
+    builds = np.broadcast_to(np.arange(openings.radii[..., 0].size).reshape(c.shape), shape)[cut]
+    left = openings.at(np.unravel_index(builds, openings.radii.shape[:-1]))
+    spread = np.broadcast_to(c.wavelength * c.seen.d_2, shape)[cut]
+    for way in ((1.0, 0.0), (0.0, 1.0)) if cut.any() else pupil.ways:  # the softer one counts
         least, most = low, high
         for _ in range(HALVINGS):
             middle = (least + most) / 2
-            if openings.unclipped:
-                passed = pupil.overlap(middle, *way)
-            else:
-                passed = openings.overlap(np.multiply.outer(middle * c.wavelength * c.seen.d_2, way)).reshape(shape)
+            passed = np.array(np.broadcast_to(pupil.overlap(middle, *way), shape))
+            if builds.size:
+                passed[cut] = left.overlap(np.multiply.outer(middle[cut] * spread, way))
             above = passed * lens.refocused(rate, middle, way) > wanted
             least, most = np.where(above, middle, least), np.where(above, most, middle)
         limits.append(np.where(wanted < 1, (least + most) / 2, 0.0))

@@ -494,3 +494,13 @@ def test_builds_that_a_stop_cuts_are_those_taken_one_by_one():
         together = QUANTITIES[name](many)
         alone = [float(QUANTITIES[name](many.build(k))) for k in range(3)]
         np.testing.assert_allclose(together, alone, rtol=1e-4)
+
+
+def test_images_overlap_by_what_stops_leave_of_them():
+    """A FAP too wide for the pitch behind a stop as wide as the pitch asks for: depth is that of the narrow FAP."""
+    paper = roslf.load("paper")
+    wide = paper.replace({"D_F": 1.6 * paper.D_F})
+    stopped = narrowed(wide, paper.D_F, paper.d_3)[0]
+    u_z = QUANTITIES["u_z_mm"]
+    assert np.isinf(u_z(Camera.of(wide)))
+    assert float(u_z(Camera.of(stopped))) == pytest.approx(float(u_z(Camera.of(paper))), rel=5e-3)
