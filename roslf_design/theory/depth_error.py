@@ -18,8 +18,9 @@ from .photometry import NOTHING, Beside
 from .quantity import Depth
 from .stop_images import MicrolensImages
 
-WARMER = 0.5
-"""Step of temperature, for derivatives [K]."""
+RANGE_NODES = np.array([-1.0, -((3 / 7) ** 0.5), 0.0, (3 / 7) ** 0.5, 1.0])
+RANGE_WEIGHTS = np.array([9.0, 49.0, 64.0, 49.0, 9.0]) / 180
+"""Gauss-Lobatto nodes over half a range of temperatures about its middle, its ends among them, and their weights."""
 MOST_FILL = {"square": 1.5, "hexagonal": 1.35}
 """Image fill, by layout, beyond which views cannot be told apart: images of several microlenses reach three quarters of
 the pixels. Of a borescope at a fill of 1.4 depths scatter 1.0 times as predicted, at 1.6 1.9 times, at 1.8 33 times,
@@ -100,18 +101,22 @@ def temperatures_met(c: Camera) -> tuple[Number, Number, Number] | None:
 def temperature_error(c: Camera, at: Depth | Array) -> Array | None:
     """Standard uncertainty that temperatures put into depths that are told as where the camera is calibrated [mm].
 
-    ``|dZ/dT|`` times the root mean square of ``T - T_c`` over the range, in which all temperatures are alike: half the
-    range over sqrt(3) about its middle (GUM 4.3.7), the whole one over sqrt(3) from an end, and what it is off by where
-    the range is one temperature. None as `temperatures_met`.
+    Root mean square, over the range, in which all temperatures are alike, of what lies between the depths that the same
+    picture has at T and at T_c: the shift itself where the range is one temperature. Infinite where a camera in the
+    range has no depth for the picture. None as `temperatures_met`.
     """
     if (met := temperatures_met(c)) is None:
         return None
-    slope, here = light_field.epi_slope(c, depth_at(c, at)), np.asarray(c[TEMPERATURE])
-    cold, warm = (depth_told(c.replace({TEMPERATURE: here + step}), slope) for step in (-WARMER, WARMER))
-    colder, warmer = (end - met[2] for end in met[:2])
-    away = np.sqrt((colder**2 + colder * warmer + warmer**2) / 3)
+    slope = light_field.epi_slope(c, depth_at(c, at))
+    coldest, warmest, known = met
+    half = np.subtract(warmest, coldest) / 2
+    met_at = np.stack(np.broadcast_arrays(known, *(coldest + half * (1 + node) for node in RANGE_NODES)))
+    between = (1,) * (max(np.ndim(slope), len(c.shape)) - met_at.ndim + 1)
+    warmed = c.replace({TEMPERATURE: met_at.reshape(met_at.shape[:1] + between + met_at.shape[1:])})
     with np.errstate(invalid="ignore"):
-        return _finite(np.abs(warm - cold) / (2 * WARMER) * away)
+        told = depth_told(warmed, slope)
+        told = np.where(told < 0, np.inf, told)  # beyond the infinitely far
+        return _finite(np.sqrt(np.tensordot(RANGE_WEIGHTS, np.square(told[1:] - told[0]), 1)))
 
 
 def overlap_error(c: Camera) -> Array:

@@ -9,10 +9,18 @@ from hypothesis import strategies as st
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.theory.depth_budget import depth_budget
-from roslf_design.theory.depth_error import depth_error, lengths_error, seen_at, temperature_error
+from roslf_design.theory.depth_error import (
+    depth_at,
+    depth_error,
+    depth_told,
+    lengths_error,
+    seen_at,
+    temperature_error,
+)
 from roslf_design.theory.disparity_error import _disparity_information, axial_disparity_sigma
 from roslf_design.theory.disparity_information import Spectrum
 from roslf_design.theory.length_covariance import CalibratedLengths, LengthCovariance
+from roslf_design.theory.light_field import epi_slope
 from roslf_design.theory.photometry import Beside, electrons
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
@@ -141,26 +149,36 @@ def test_a_thousandth_of_d_1_moves_the_plane_in_focus():
     assert float(lengths_error(Camera.of(PAPER), None, one)) == pytest.approx(moved, rel=0.01)
 
 
-def test_temperature_is_the_shift_over_the_range():
-    """A rectangle of half the range, over sqrt(3): the depth that warm and cold cameras tell of the same picture."""
+@pytest.mark.parametrize("at", [None, 30.0])
+@pytest.mark.parametrize("calibrated_at", [None, "18 degC", "25 degC", "40 degC", "5 degC"])
+@pytest.mark.parametrize("medium", ["air", "water"])
+def test_temperature_is_the_root_mean_square_of_shifts_from_where_it_is_calibrated(medium, calibrated_at, at):
+    """Brute force: what the same picture is told as at each of 4001 temperatures of the range."""
+    design = WARM.replace({"environment.calibrated_at": calibrated_at, "object_space": {"medium": medium}})
+    camera = Camera.of(design)
+    slope = epi_slope(camera, depth_at(camera, at))
+    known = Camera.of(design, {"environment.temperature": float((calibrated_at or "27.5").split()[0])})
+    met = Camera.of(design, {"environment.temperature": np.linspace(15.0, 40.0, 4001)})
+    shifts = depth_told(met, slope) - depth_told(known, slope)
+    expected = np.sqrt(np.trapezoid(shifts**2, dx=1 / 4000))
+    assert float(temperature_error(camera, at)) == pytest.approx(expected, rel=5e-5)
+
+
+def test_temperature_of_builds_at_distances_is_that_of_each_alone():
+    known = WARM.replace({"environment.calibrated_at": "18 degC"})
+    builds = Camera.of(known, {"aperture.distance": [62.0, 63.0, 64.0], "environment.calibrated_at": [18, 20, 22]})
+    many = temperature_error(builds.with_axes(1), np.array([20.0, 30.0]))
+    alone = [[float(temperature_error(builds.build(k), at)) for at in (20.0, 30.0)] for k in range(3)]
+    assert many == pytest.approx(np.array(alone), rel=1e-12)
+    row = temperature_error(builds.build(1), np.array([20.0, 30.0]))
+    assert row == pytest.approx(np.array(alone[1]), rel=1e-12)
+
+
+def test_no_depth_at_a_temperature_of_the_range_is_no_finite_error():
+    """What is 1 m away at 25 degC moves, to the coldest camera, faster than what is infinitely far."""
     camera = Camera.of(WARM)
-    ends = [Camera.of(WARM, {"environment.temperature": t}) for t in (24.0, 26.0)]
-    # At the focal plane the disparity is 0: what is told is the plane in focus.
-    told_by = [float(c.plane_seen_at(c.seen.d_f)) for c in (ends[0], ends[1])]
-    half = 12.5 * abs(told_by[1] - told_by[0]) / 2
-    assert half > 0
-    assert float(temperature_error(camera, None)) == pytest.approx(half / np.sqrt(3), rel=2e-3)
-
-
-@pytest.mark.parametrize("calibrated_at", ["18 degC", "25 degC", "40 degC", "5 degC"])
-def test_temperature_counts_from_where_the_camera_is_calibrated(calibrated_at):
-    """Brute force: root mean square of the shifts at 4001 temperatures of the range."""
-    camera = Camera.of(WARM.replace({"environment.calibrated_at": calibrated_at}))
-    known = float(calibrated_at.split()[0])
-    ends = [Camera.of(WARM, {"environment.temperature": t}) for t in (24.0, 26.0)]
-    per_kelvin = abs(np.diff([float(c.plane_seen_at(c.seen.d_f)) for c in ends])) / 2
-    shifts = per_kelvin * (np.linspace(15.0, 40.0, 4001) - known)
-    assert float(temperature_error(camera, None)) == pytest.approx(np.sqrt(np.mean(shifts**2)), rel=2e-3)
+    assert np.isinf(temperature_error(camera, np.array([1e3])))
+    assert np.isfinite(temperature_error(camera, np.array([30.0])))
 
 
 def test_temperature_says_where_it_counts_from():
@@ -190,8 +208,9 @@ def test_without_a_range_temperature_counts_from_there_to_its_own():
     alone = WARM.replace({"environment.range": None, "environment.calibrated_at": "18 degC"})
     budget = terms(depth_budget(Camera.of(alone)))["temperature"]
     assert budget.remark == "25 °C, counted from 18 °C, where it is calibrated"
-    per_kelvin = float(temperature_error(Camera.of(WARM), None)) * np.sqrt(3) / 12.5
-    assert float(budget.u_mm) == pytest.approx(7 * per_kelvin, rel=1e-9)
+    away, known = (Camera.of(alone, {"environment.temperature": t}) for t in (25.0, 18.0))
+    shift = abs(float(away.plane_seen_at(away.seen.d_f)) - float(known.plane_seen_at(known.seen.d_f)))
+    assert float(budget.u_mm) == pytest.approx(shift, rel=1e-9)
     warmer = terms(depth_budget(Camera.of(alone.at_temperature(18))))["temperature"]
     assert float(warmer.u_mm) == 0.0
 
