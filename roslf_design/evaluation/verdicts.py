@@ -129,10 +129,15 @@ def buildable(design: Design, camera: Camera) -> tuple[Verdict, ...]:
     return *lens_speed(design, camera), *_microlens_speed(camera)
 
 
+def as_sharp(there: float | None, middle: float | None) -> bool:
+    """Whether detail somewhere in the field is about that in its middle; also where the middle shows none [lp/mm]."""
+    return middle is None or (there or 0.0) >= SHARP * middle
+
+
 def sharp_over_field(answer: FirstAnswer, lens: RealLens | None) -> tuple[Verdict, ...]:
     """Whether a refocused image is much coarser in the corner of the field; nothing where it is not."""
     middle, corner = answer.at[0].usable_lp_per_mm, answer.corner_lp_per_mm
-    if middle is None or (corner or 0.0) >= SHARP * middle:
+    if middle is None or as_sharp(corner, middle):
         return ()
     there = "nothing" if corner is None else f"{number(corner, 3)} lp/mm"
     through = f" (traced through {lens.lens})" if lens else ""

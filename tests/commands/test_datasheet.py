@@ -354,6 +354,20 @@ def test_distortion_of_an_ideal_lens_is_put_down_to_its_window():
         assert ("flat faces of windows" in line.remark) == bool(design.elements) == (abs(line.value) > 0.01)
 
 
+def test_depth_noise_of_the_thin_lens_says_where_the_real_one_is_not_sharp():
+    """In words of the resolution's own rows."""
+    rows = datasheet.basis(roslf.load("paper-singlet")).rows
+    shown = {row.name: row.value for row in rows if row.subject == "Resolution" and row.name.startswith("refocused")}
+    middle, edge, corner = (value for name, value in shown.items() if "focal plane" in name)
+    assert corner < middle / 2
+    noise = [row.remark for row in rows if row.subject == DEPTH]
+    assert noise[:3] == ["", "", ""]
+    for there, remark in zip((edge, corner), noise[3:], strict=True):
+        assert remark == (
+            f"of the thin lens; the real one is not sharp there: {there:.3g} lp/mm" if there < middle / 2 else ""
+        )
+
+
 def test_a_page_of_one_design(tmp_path, capsys, rough):
     code, _, _ = run(capsys, "datasheet", "video-otoscope", "-o", tmp_path / "sheet.html")
     page = (tmp_path / "sheet.html").read_text()

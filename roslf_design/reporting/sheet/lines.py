@@ -33,7 +33,7 @@ from ...evaluation.specification import (
     corner,
     specification,
 )
-from ...evaluation.verdicts import lit
+from ...evaluation.verdicts import as_sharp, lit
 from ...evaluation.working_range import RULE, WorkingRange
 from ...json_data import plain
 from ...tables import csv_bytes
@@ -411,6 +411,9 @@ def _depth_lines(sheet: Specification, traced: bool) -> Iterator[_SheetLine]:
     """How well depth is known, at both ends of the working range and over the field in focus."""
     spreads = sheet.depth_precision.spreads
     names = (*("axis" for _ in spreads[2:]), "edge of the field", "corner of the field")
+    kind = FOCUS, "refocused"
+    shown = {row.x_ml_mm: row.usable_lp_per_mm for row in sheet.resolution if (row.plane, row.image) == kind}
+    middle = shown.get(spreads[0].x_ml_mm)
     for spread, name in zip(spreads, names, strict=True):
         focal, axial = spread.plane == FOCUS, name == "axis"
         of = None
@@ -418,9 +421,13 @@ def _depth_lines(sheet: Specification, traced: bool) -> Iterator[_SheetLine]:
             of = None if traced else partial(_at_field, QUANTITIES["sigma_z_at_field_mm"], spread.x_ml_mm)
         elif not focal:
             of = partial(_at_distance, QUANTITIES["sigma_z_mm"], spread.at_mm, 1.0)
+        there = shown.get(spread.x_ml_mm)
+        blurred = traced and not axial and not as_sharp(there, middle)
+        told = "" if math.isfinite(spread.sigma_z_mm) and not (blurred and there is None) else "none"
+        remark = f"of the thin lens; the real one is not sharp there: {number(there or 0.0, 3)} lp/mm" * blurred
         yield _SheetLine(
-            DEPTH, f"at {number(spread.at_mm, 4)} mm ({spread.plane}), {name}", spread.sigma_z_mm, "mm", "",
-            "sigma_z_mm" if focal and axial else "", "" if math.isfinite(spread.sigma_z_mm) else "none", of,
+            DEPTH, f"at {number(spread.at_mm, 4)} mm ({spread.plane}), {name}", spread.sigma_z_mm, "mm",
+            "" if told else remark, "sigma_z_mm" if focal and axial else "", told, of,
         )  # fmt: skip
 
 
