@@ -124,9 +124,27 @@ def _microlens_speed(camera: Camera) -> tuple[Verdict, ...]:
     return (Verdict("microlens_speed", False, "limit", text, remedy),)
 
 
+def _counted_to_rim(design: Design) -> tuple[Verdict, ...]:
+    """Whether more of a real main lens counts than its maker guarantees to be clear; nothing where not."""
+    counted = design.D / (1 + FEASIBLE)
+    lenses = [(lens.name, lens.clear_aperture) for lens in design.main_lens.prescribed]
+    return tuple(
+        Verdict(
+            "clear_aperture",
+            False,
+            "limit",
+            f"clear aperture: all {length(design.D)} of {name} count, of which its maker guarantees {length(sure)}: "
+            "what the field gets through the rim is not certain",
+            f'main_lens.diameter = "{length(sure)}" counts no more than that',
+        )
+        for name, sure in lenses
+        if sure is not None and sure < counted
+    )
+
+
 def buildable(design: Design, camera: Camera) -> tuple[Verdict, ...]:
     """Doubts whether a camera's main lens and microlenses are ones that anybody makes; nothing where there are none."""
-    return *lens_speed(design, camera), *_microlens_speed(camera)
+    return *lens_speed(design, camera), *_counted_to_rim(design), *_microlens_speed(camera)
 
 
 def as_sharp(there: float | None, middle: float | None) -> bool:

@@ -321,6 +321,7 @@ TITLES = {
     "sharp_over_field": "corner detail",
     "lens_speed": "lens speed",
     "microlens_speed": "array speed",
+    "clear_aperture": "clear aperture",
 }
 LEVELS = {"good": "good", "limit": "a limit to know", "fault": "fault"}
 """Words for those who do not see a light's colour."""
@@ -416,6 +417,8 @@ def _margin(evaluation: Evaluation, verdict: Verdict) -> str:
         return f"{short(evaluation.answer.corner_lp_per_mm or 0.0, 2)} lp/mm"
     if name == "lens_speed":
         return f"f/{short(evaluation.f_number.main_lens, 3)}"
+    if name == "clear_aperture":
+        return "not guaranteed"
     if name == "microlens_speed":
         return f"f/{short(evaluation.f_number.microlens_lens, 3)}"
     if lens is None:

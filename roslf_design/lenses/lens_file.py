@@ -98,7 +98,7 @@ def lens_of(data: Mapping[str, Any], origin: str = "", folder: Path | None = Non
     if warmth != ROOM:
         surfaces = tuple(replace(surface, glass=surface.glass.at(warmth)) for surface in surfaces)
     wavelength = None if read.wavelength is None else float(read.wavelength)
-    return Prescription(surfaces, read.name, read.source, wavelength, warmth)
+    return Prescription(surfaces, read.name, read.source, wavelength, warmth, read.clear_aperture)
 
 
 def _inverse_length(power: int) -> BeforeValidator:
@@ -203,6 +203,7 @@ class LensFile(StrictTable, defer_build=True):
     source: str = ""
     wavelength: Length | None = None
     temperature: Temperature = ROOM
+    clear_aperture: Length | None = None
     glasses: dict[str, Material] = Field(default={})
     surfaces: dict[int, SurfaceTable] = Field(default=(), validate_default=True)
 
@@ -253,6 +254,8 @@ def table_of(lens: Prescription) -> dict[str, Any]:
         data["wavelength"] = format_quantity(lens.wavelength, "length")
     if lens.temperature != ROOM:
         data["temperature"] = format_quantity(lens.temperature, "temperature")
+    if lens.clear_aperture is not None:
+        data["clear_aperture"] = format_quantity(lens.clear_aperture, "length")
     data["surfaces"] = [_row(surface) for surface in lens.surfaces]
     glasses = (surface.glass for surface in lens.surfaces)
     strange = (glass for glass in glasses if not is_shipped(glass) and not numbers_of(glass))

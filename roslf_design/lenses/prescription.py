@@ -131,6 +131,8 @@ class Prescription:
         Its design wavelength [mm].
     temperature : float
         At which its lengths hold [degrees C].
+    clear_aperture : float or None
+        What its maker guarantees to be clear of mechanical diameters [mm]; None: what its surfaces have.
 
     Raises
     ------
@@ -143,6 +145,7 @@ class Prescription:
     source: str = ""
     wavelength: float | None = None
     temperature: float = ROOM
+    clear_aperture: float | None = None
 
     def __post_init__(self) -> None:
         problems = tuple(faults(self.surfaces))

@@ -20,7 +20,9 @@ from roslf_design.evaluation.groups import RayBudget, Share
 from roslf_design.evaluation.result import budget_table, seen_table
 from roslf_design.evaluation.verdicts import FASTEST_ARRAY, _thin
 from roslf_design.optimization.parts import load_catalogue
+from roslf_design.reporting.blocks import Table
 from roslf_design.reporting.design.pages import _accuracy_section
+from roslf_design.reporting.design.parts_list import parts_section
 from roslf_design.theory.stop_images import MicrolensImages
 
 PAPER = roslf.load("paper")
@@ -342,6 +344,16 @@ def test_microlenses_faster_than_any_in_the_catalogue_say_so():
     assert (fast.ok, fast.level) == (False, "limit")
     assert fast.text.startswith("microlenses of f/1.5 (f_ml = 30 um, pitch 20 um)")
     assert 'quantity = "f_number_microlens_lens", min = 3' in fast.remedy
+
+
+@pytest.mark.parametrize(("diameter", "told"), [(None, True), (46.0, True), (45.72, False), (40.0, False)])
+def test_a_real_lens_that_counts_to_its_mechanical_rim_is_remarked_on(diameter, told):
+    singlet = roslf.load("paper-singlet").replace({"main_lens.diameter": diameter})
+    verdicts = [one for one in roslf.evaluate(singlet).verdicts if one.name == "clear_aperture"]
+    assert [one.level for one in verdicts] == ["limit"] * told
+    assert all(one.remedy.startswith('main_lens.diameter = "45.72 mm"') for one in verdicts)
+    table = next(block for block in parts_section(singlet).blocks if isinstance(block, Table))
+    assert ("of which 45.72 mm is guaranteed" in table.rows[0][2]) == told
 
 
 def test_behind_a_real_lens_the_f_number_s_verdict_says_which_fill_is_traced():

@@ -45,6 +45,7 @@ def test_lenses_ship_with_the_makers_numbers():
         assert tuple(s.thickness for s in lens.surfaces[:-1]) == thicknesses
         assert tuple(s.glass.name for s in lens.surfaces[:-1]) == glasses
         assert {2 * s.semi_diameter for s in lens.surfaces} == {diameter}
+        assert lens.clear_aperture == pytest.approx(0.9 * diameter, rel=1e-12)
 
 
 def test_values_compare_hash_pickle_and_come_back_from_a_file():

@@ -27,6 +27,9 @@ def parts_section(design: Design) -> Section:
     (lens, array, sensor), entries = zip(*(_catalogue_match(design, known, kind) for kind in kinds), strict=True)
     mla, (across, up) = design.microlens_array, design.pixels
     aperture = f"clear aperture {length(design.D)}"
+    for prescribed in design.main_lens.prescribed:
+        if prescribed.clear_aperture is not None and prescribed.clear_aperture < design.D:
+            aperture += f", of which {length(prescribed.clear_aperture)} is guaranteed"
     words = lens_words(design.main_lens.kind)
     main_lens = words.part.format(name=words.title, focal_length=length(design.f), aperture=aperture)
     microlenses = f"{mla.layout}, {mla.lens_shape} lenses, pitch {length(mla.pitch)}, f_ml {mla.focal_words}"
