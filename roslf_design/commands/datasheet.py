@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+from ..calibration.options import PlanOptions
 from ..errors import OTHER_PLACE, refusal
 from ..reporting.printers import Paper, render_html, render_pdf
 from ..reporting.sheet.lines import (
@@ -33,6 +34,7 @@ from .terminal import (
     write_files,
 )
 
+PLANNED = Path("planned")
 KINDS = (".pdf", ".html", ".json", ".csv")
 
 
@@ -63,7 +65,7 @@ def datasheet(
         Size of the PDF's pages.
     calibration
         Folder that roslf calibrate wrote: each line gets what it leaves uncertain (2 sigma). Of a single design the
-        page is then of the instrument that was calibrated.
+        page is then of the instrument that was calibrated. Or planned: what roslf calibrate --plan plans of the design.
     at
         Distance ahead of the tip, as "10mm", that gets lines beside the focal plane and the working range's ends; may
         be given several times.
@@ -81,12 +83,13 @@ def datasheet(
         check_typst("output")
     check_options(seed)
     distances = read_distances(at)
+    known = PlanOptions(seed=seed or 0, at=distances) if calibration == PLANNED else calibration
     dated = kind == ".pdf" if stamp is None else stamp
     date = f"{date_of_making():%Y-%m-%d}" if dated else NONE
     if calibration is None and load_story_or_study(Path(design))[0] == "design":
         _check_sheet(target, kind, sheet_title(as_design(design).name, revision))
     with status_and_bars("datasheet") as progress:
-        grounds = datasheet_of(Path(design), seed, progress, calibration, distances)
+        grounds = datasheet_of(Path(design), seed, progress, known, distances)
         _check_sheet(target, kind, sheet_title(grounds.design.name, revision))
         content = _written(grounds, kind, paper, revision, date)
     if revision != NONE and target.exists() and target.read_bytes() != content:

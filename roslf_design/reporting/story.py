@@ -21,7 +21,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
 
-from ..calibration.options import PlanOptions, planned_lengths
+from ..calibration.options import PlanOptions, calibration_plan, lengths_after, planned_lengths
 from ..calibration.written import calibrated_camera
 from ..camera import Camera
 from ..design import Design, preset_names
@@ -426,15 +426,15 @@ def datasheet_of(
     path: Path,
     seed: int | None = None,
     progress: CountedProgress = silent,
-    calibration: Path | None = None,
+    calibration: Path | PlanOptions | None = None,
     at: Sequence[float] = (),
 ) -> SpreadSources:
     """A design's data sheet, or that of a study's design with the scatter of its builds.
 
     Of a story it is the sheet of the design that it ends with, its tolerances and its calibration those of the last
     parts which are about that design. `calibration`: folder of one, which tells how sure the lines are of the
-    instrument that was calibrated; the sheet of a single design is then of that instrument. `at`: distances ahead of
-    the tip [mm] that it tells of as well.
+    instrument that was calibrated; the sheet of a single design is then of that instrument. Or a plan of one, of the
+    design. `at`: distances ahead of the tip [mm] that it tells of as well.
 
     Raises
     ------
@@ -444,8 +444,8 @@ def datasheet_of(
     kind, story = load_story_or_study(path)
     if story is not None:
         if calibration is not None:
-            remedy = 'name it in the story, as calibrated = "FOLDER"'
-            raise refusal("calibration", f"goes with a design or a study; {remedy}")
+            remedy = "plan it" if isinstance(calibration, PlanOptions) else 'name it, as calibrated = "FOLDER",'
+            raise refusal("calibration", f"goes with a design or a study; {remedy} in the story")
         return _basis_of(story, list(_walked(story, seed, progress, at, _builds_alone)), at)
     if kind == "design":
         design = as_design(str(path))
@@ -485,7 +485,12 @@ def _basis_of(story: _Story, parts: Sequence[_Walked], at: Sequence[float] = ())
     return basis(design, built, known, at)
 
 
-def _known(calibration: Path, named: Design) -> CalibrationSpread:
+def _known(calibration: Path | PlanOptions, named: Design) -> CalibrationSpread:
+    if isinstance(calibration, PlanOptions):
+        best = calibration_plan(named, calibration)
+        if isinstance(best, str):
+            raise refusal("calibration", best)
+        return CalibrationSpread("as planned", named, lengths_after(named, best, calibration))
     return CalibrationSpread(f"as in {calibration.name}", *calibrated_camera(calibration, named))
 
 

@@ -177,7 +177,7 @@ class StudyResult(BriefValue):
         """
         design, short = self.plan.question.design, []
         for one in required_of(design, self.built):
-            counted = is_counted(self.final, one)
+            counted = _is_counted(self.final, one)
             alone = one.met and not counted and of_builds(one)
             share = share_that_meets(self.plan, self.final, one) if alone else Yield(int(one.met), 1)
             if share.value < self.study.yield_target and not counted:
@@ -278,18 +278,23 @@ def share_that_meets(plan: TolerancePlan, final: Variant, one: Requirement) -> Y
     return Yield(int(np.broadcast_to(held, good.shape)[good].sum()), int(good.sum()))
 
 
-def is_counted(final: Variant, one: Requirement) -> bool:
-    """Whether a study's limits, at a field or not, are as narrow as a requirement, so that its yield counts it.
+def _is_counted(final: Variant, one: Requirement) -> bool:
+    """Whether a study's yield counts a requirement: none of what builds do not tell, as `of_builds`."""
+    return of_builds(one) and is_limited(final, one)
 
-    None counts what builds do not tell: lengths as built of depth, expected, and rays through a real lens.
-    """
+
+def is_limited(final: Variant, one: Requirement) -> bool:
+    """Whether a study's limits, at a field or not, are as narrow as a requirement."""
     label, low, high = limit_of(one)
     at_fields = (limit for limit in final.limits if limit.label.partition("@")[0] == label)
-    return of_builds(one) and any(low <= limit.low and limit.high <= high for limit in at_fields)
+    return any(low <= limit.low and limit.high <= high for limit in at_fields)
 
 
 def of_builds(one: Requirement) -> bool:
-    """Whether a study's builds, of a real lens thin-lens models, tell how many of them meet a requirement."""
+    """Whether a study's builds, of a real lens thin-lens models, tell how many of them meet a requirement.
+
+    They tell neither how far lengths are off of depth, expected, nor rays through a real lens.
+    """
     return one.quantity != "u_z_mm" and one.thin_twin is None
 
 

@@ -153,6 +153,9 @@ def test_what_is_required_says_how_many_builds_meet_it(tmp_path, capsys, monkeyp
     assert says in json.loads((tmp_path / "out/results.json").read_text())["yield"]["left_out"]
     pages = [(tmp_path / "out" / page).read_text() for page in ("summary.txt", "index.html")]
     assert all(says in " ".join(page.split()) for page in pages)
+    words = story.datasheet_of(tmp_path / "study.toml").words
+    assert f"its yield does not count: {across['name']}, as required. Its limits hold" in words
+    assert f"other values than are required: {depth['name']} (lengths as drawn). " in words
 
 
 def test_the_sheet_one_signs_names_its_design_and_ends_where_depth_is_of_little_use(tmp_path, capsys, monkeypatch):
@@ -347,6 +350,24 @@ def test_a_calibrated_camera_is_not_known_worse_than_it_was_built(monkeypatch, r
     assert loose.u_z_mm > 5 * budget.u_z_mm
 
 
+def test_a_sheet_with_the_calibration_that_is_planned(tmp_path, capsys):
+    """U is that of the plan, at a distance asked for as well."""
+    assert (
+        run(capsys, "datasheet", "paper", "--calibration", "planned", "--at", "240mm", "-o", tmp_path / "a.json")[0]
+        == 0
+    )
+    told = json.loads((tmp_path / "a.json").read_text())
+    lines = {line["name"]: line["value"] for line in told["lines"]}
+    code, out, _ = run(capsys, "calibrate", "--plan", "paper", "--at", "240mm", "--json")
+    plan = json.loads(out)
+    assert code == 0
+    assert lines["U at 240 mm"] == pytest.approx(plan["depth_expected_at"][0]["expanded_mm"])
+    (known,) = (each for each in told["depth_by_lengths"] if each["lengths"] == "as calibrated")
+    assert known["expanded_mm"] == pytest.approx(plan["depth_expected"]["expanded_mm"])
+    assert "as planned" in told["basis"]
+    assert "Values are those of that instrument" not in told["basis"]
+
+
 def test_distortion_of_an_ideal_lens_is_put_down_to_its_window():
     paper, window = roslf.load("paper"), {"kind": "plate", "distance": 121.0, "thickness": 20.0, "material": "N-BK7"}
     for design in (paper, paper.replace({"elements": [{**window, "diameter": 90.0}]})):
@@ -385,8 +406,9 @@ def test_a_page_of_one_design(tmp_path, capsys, rough):
         (("datasheet", "paper", "-o", "sheet.docx"), ".pdf, .html, .json, .csv"),
         (
             ("datasheet", "studies/story-otoscope/story.toml", "--calibration", "x"),
-            "name it in the story",
+            'name it, as calibrated = "FOLDER", in the story',
         ),
+        (("datasheet", "studies/story-otoscope/story.toml", "--calibration", "planned"), "plan it in the story"),
         (
             ("datasheet", "paper", "--calibration", "nowhere", "-o", "x.pdf"),
             "name the folder that roslf calibrate wrote",

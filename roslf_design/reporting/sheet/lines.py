@@ -45,7 +45,7 @@ from ...theory.quantities import QUANTITIES
 from ...theory.quantity import Listed, Quantity
 from ...theory.stop_images import MicrolensImages
 from ...tolerancing.places import short_name
-from ...tolerancing.result import MANY, is_counted, of_builds, share_that_meets
+from ...tolerancing.result import MANY, is_limited, of_builds, share_that_meets
 from ...tolerancing.trials import first_builds, lengths_built
 from ...traced.fields import IdealImages
 from ...words import listed, number
@@ -90,6 +90,7 @@ HALF_PAGE = 520.0
 NONE = "–"
 """Revision or date where none is given."""
 OWN_LIMITS = "The study's limits leave out, and its yield does not count: "
+OWN_VALUES = "Its limits hold, and its yield counts, with other values than are required: "
 NOMINAL = "Nominal values: no tolerance study is at hand."
 TILTED = "Parts are tilted; the data sheet is of the straight ones, but for what tilted stops cut."
 
@@ -175,9 +176,16 @@ class BuildSpread(NamedTuple):
             remedy = "; ".join(filter(None, (more, remedy)))
         return replace(one, counts="; ".join(filter(None, (one.counts, words))), only=only, remedy=remedy)
 
-    def uncounted(self, required: Iterable[Requirement]) -> list[str]:
-        """Labels of what is required but held by no limit of the study, so that its yield does not count it."""
-        return [one.label for one in required if not is_counted(self.final, one)]
+    def uncounted(self, required: Sequence[Requirement]) -> str:
+        """Sentences on what is required and no limit of the study holds, or holds with the builds' own values."""
+        lacking = [one.label for one in required if not is_limited(self.final, one)]
+        otherwise = [
+            f"{one.label} ({'lengths as drawn' if one.thin_twin is None else 'of the thin-lens model'})"
+            for one in required
+            if one.label not in lacking and not of_builds(one)
+        ]
+        left_out = f"{OWN_LIMITS}{listed(lacking)}, as required. " if lacking else ""
+        return left_out + (f"{OWN_VALUES}{listed(otherwise)}. " if otherwise else "")
 
 
 class CalibrationSpread(NamedTuple):
@@ -329,10 +337,9 @@ def _lines(
 def _required_lines(required: Iterable[Requirement]) -> Iterator[_SheetLine]:
     """Lines on what the design file asks for, met or not, with the mark of a warning where met with a reservation."""
     for one in required:
-        by_builds = of_builds(one)
-        of, own = None, one.quantity if by_builds else ""
-        if by_builds and one.at_mm is not None:
-            of, own = partial(_at_distance, QUANTITIES[one.quantity], one.at_mm, 1.0), ""
+        of, own = None, "" if one.quantity == "u_z_mm" or one.at_mm is not None else one.quantity
+        if of_builds(one) and one.at_mm is not None:
+            of = partial(_at_distance, QUANTITIES[one.quantity], one.at_mm, 1.0)
         mark = f"{MARKS['limit']} " if one.met and one.only else ""
         told = [f"{mark}{one.outcome}: {one.both_limits}", one.expanded(one.value), one.counts]
         text = "" if one.value is not None and math.isfinite(one.value) else one.value_words
@@ -528,12 +535,11 @@ def basis(
     lines = tuple(_lines(shown, sheet, budgets, judged or required, traced))
     rows = tuple(line for line in lines if sheet.has_views or not line.of_views)
     if built is not None:
-        lacking = built.uncounted(required)
         share = 100 * built.final.result.value
         sentences.append(
             f"Tolerances are two standard deviations over {built.plan.trials:,} Monte Carlo units (builds) of the "
             f"study {built.plan.name}; yield {share:.2f} % (95 % interval {interval_words(built.final.result)} %). "
-            + (f"{OWN_LIMITS}{listed(lacking)}, as required. " if lacking else "")
+            + built.uncounted(required)
             + (f"{lost} Tolerances are of the others. " if (lost := impossible_words(built.final)) else "")
             + "Lines that the study does not "
             f"report go by the first {MANY} builds, those at a distance or a field by {FEW}."
@@ -545,7 +551,7 @@ def basis(
             f"Uncertainty of one instrument after its calibration, {calibration.words}, is two standard deviations, by "
             f"each line's derivatives over {names}{others}."
         )
-        if design is calibration.design:
+        if design is calibration.design and not calibration.lengths.planned:
             sentences.append("Values are those of that instrument.")
     sentences.append("Lines without one (–) are nominal." if sentences else NOMINAL)
     sigma = {} if built is None else built.deviations(rows)
@@ -597,7 +603,7 @@ def _depths_by_lengths(grounds: SpreadSources) -> Iterator[tuple[str, DepthBudge
             "as calibrated",
             None if known.calibration is None else known.budget(camera, None),
             "quote it of a camera after its calibration",
-            "not known here: `--calibration`, of one made or planned, tells it",
+            "not known here: `roslf datasheet --calibration` FOLDER (of one made), or planned, tells it",
         ),
     ):
         yield lengths, budget, tells if budget is None else quote
