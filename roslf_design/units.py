@@ -195,7 +195,8 @@ def _about_unit(unit: str, dimension: str) -> str:
         if unit in known and other != dimension:
             article = "an" if dimension[0] in "aeiou" else "a"
             return f"'{unit}' is a unit of {other}, but this is {article} {dimension}"
-    near = difflib.get_close_matches(unit, UNITS[dimension], 1, 0.5)
+    # Degrees of one scale are none of the other, however alike their letters.
+    near = [] if dimension.startswith("temperature") else difflib.get_close_matches(unit, UNITS[dimension], 1, 0.5)
     remedy = f"did you mean '{near[0]}'?" if near else f"use one of {', '.join(UNITS[dimension])}"
     return f"'{unit}' is not a known unit of {dimension}; {remedy}"
 

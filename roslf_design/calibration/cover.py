@@ -46,14 +46,23 @@ class BoardCover:
         """Cover of planned captures, of so many distances ahead of the tip."""
         tip, limits = float(Camera.of(design).tip), _Limits.of(design, captures.board, captures.tilt)
         near, far = (end - tip for end in captures.ends)
-        stands = f"boards stand from {number(near, 3)} to {number(far, 3)} mm; plan a wider range"
+        stands = f"boards stand from {number(near, 3)} to {number(far, 3)} mm; plan"
         reasons = {z: limits.reason(z + tip, tip) for z in wanted}
-        reasons |= {z: stands for z in wanted if not reasons[z] and not near * (1 - 1e-6) <= z <= far * (1 + 1e-6)}
+        beyond = (z for z in wanted if not reasons[z] and not near * (1 - 1e-6) <= z <= far * (1 + 1e-6))
+        reasons |= {z: f"{stands} {_reaching(captures.boards, tip, near, far, z)}" for z in beyond}
         focus = design.d_f - tip
         if limits.far < design.d_f < math.inf:
             reasons.setdefault(focus, limits.reason(design.d_f, tip))
         missed = tuple(Uncovered(z, reason) for z, reason in reasons.items() if reason)
         return cls(near, far, tuple(z for z in wanted if not reasons[z]), tuple(sorted(missed, key=lambda m: m.at_mm)))
+
+
+def _reaching(boards: int, tip: float, *places: float) -> str:
+    """Options of a plan whose boards stand from the nearest to the farthest of places ahead of the tip [mm]."""
+    near, far = (end + tip for end in (min(places), max(places)))
+    middle = round((near + far) / 2, 1)
+    reach = 2 * max(far - middle, middle - near) / (1 - 1 / max(boards, 2))  # as `Captures.ends`
+    return f'`--distance "{middle:g} mm" --range "{math.ceil(10 * reach) / 10:g} mm"`'
 
 
 def misplaced(design: Design, captures: Captures) -> tuple[float, float]:

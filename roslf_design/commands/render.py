@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json as json_module
 import math
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -14,7 +16,7 @@ from pydantic import Field
 from ..accuracy.picture import settle, stated
 from ..design.files import in_the_way, write_atomically
 from ..effects import Budget, Plan, plan
-from ..errors import InputError, Problem, refusal
+from ..errors import OTHER_PLACE, InputError, Problem, refusal
 from ..imaging.files import check_target, write_image
 from ..imaging.render import render as compute
 from ..options import Options
@@ -112,6 +114,7 @@ def render(
     targets = [] if plan_only else _targets(output, [path.stem for path in scene or []] or ["white"])
     for target in targets:
         check_target(target)
+        _check_owner(target, loaded.name)
         if preview and (blocked := in_the_way(_preview_of(target))):
             raise refusal("output", blocked)
     began = time.perf_counter()
@@ -193,6 +196,17 @@ def _targets(output: Path | None, names: list[str]) -> list[Path]:
     if len(set(names)) < len(names):
         raise refusal("scene", f"two scenes are called alike ({', '.join(names)}); rename a file")
     return [folder / f"{name}.tif" for name in names]
+
+
+def _check_owner(target: Path, design: str) -> None:
+    """Refuse to write an image over one of another design, or over what no image of a design lies beside."""
+    if not target.exists():
+        return
+    held = ""
+    with suppress(OSError, ValueError, LookupError, TypeError):
+        held = str(json_module.loads(target.with_suffix(".json").read_bytes())["design"]["name"])
+    if held != design:
+        raise refusal("output", f"{target} is of {held or 'something else'}; {OTHER_PLACE}")
 
 
 def _preview_of(target: Path) -> Path:

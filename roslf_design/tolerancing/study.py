@@ -158,6 +158,14 @@ class MetricGoal(StrictTable):
     fields: tuple[int, ...] | None = None
     """Indices into the study's fields; all where left out."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _by_number(cls, data: Any) -> Any:
+        told = data.get("fields", ()) if isinstance(data, dict) else ()
+        if isinstance(data, dict) and ("field" in data or any(isinstance(one, str) for one in told)):
+            raise ValueError("a goal counts the study's fields, which hold places, from 0: fields = [0] is the first")
+        return data
+
     @field_validator("min", "max", mode="before")
     @classmethod
     def _read(cls, value: Any, info: ValidationInfo) -> float | None:
