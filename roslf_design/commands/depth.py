@@ -128,8 +128,11 @@ def depth(
         How surely a length of the camera is known that no calibration states, as aperture.diameter=1% or
         aperture.diameter="20 um"; may be repeated. What that leaves open counts in the errors. Default: as designed.
     """
-    capture = _is_capture(subject) or bool(options.model_fields_set) or sigma is not None
-    check_options(simulation.seed, output, *simulation.faults(capture))
+    of_captures = [*sorted(options.model_fields_set), *(() if sigma is None else ("sigma",))]
+    design = _is_design(subject)
+    capture = not design and (_is_capture(subject) or bool(of_captures))
+    idle = [Argument(name, "goes with a capture, and this is a design; leave it out") for name in of_captures if design]
+    check_options(simulation.seed, output, *idle, *simulation.faults(capture))
     piece = None if region is None else parse_region(region)
     chosen = dict(simulation) | options.model_dump(exclude={"region", "sigma"})
     command = typed("depth", subject, region=region, **chosen, sigma=sigma, output=output)
@@ -141,15 +144,15 @@ def depth(
         blocks = (*capture_answers(result), *capture_basis(result))
         _finish(result, title, blocks, partial(capture_report, result), command, output, json)
         return
-    design, look = as_design(subject), None if simulation.scene is None else load_scene(simulation.scene)
+    camera, look = as_design(subject), None if simulation.scene is None else load_scene(simulation.scene)
     other = None if simulation.believed is None else as_design(simulation.believed)
     pictures = PictureOptions(region=piece, seed=simulation.seed or 0, exposures=simulation.exposures or 1)
-    title = f"Depth that {design.name} measures"
+    title = f"Depth that {camera.name} measures"
     check_options(folder=output, title=title)
-    work = Work.of(design, pictures)
+    work = Work.of(camera, pictures)
     tell_cost(work.seconds, f"{work}; a smaller --region makes it shorter", window_sums.shelved)
     with bar("depth") as tell:
-        trial = simulate(design, look, pictures, believed=other, progress=lambda what, share: tell(share))
+        trial = simulate(camera, look, pictures, believed=other, progress=lambda what, share: tell(share))
     blocks = (*answers(trial), *basis(trial))
     _finish(trial, title, blocks, partial(depth_report, trial), command, output, json)
 
@@ -183,6 +186,10 @@ def _finish(
     print_titled(title, blocks)
     if written:
         say(f"\nWritten to {output}: {', '.join(written)}")
+
+
+def _is_design(subject: str) -> bool:
+    return Path(subject).suffix.lower() == ".toml" or subject in preset_names()
 
 
 def _is_capture(subject: str) -> bool:

@@ -408,6 +408,11 @@ class TolerancePlan:
                 missed.append(f"{label} ({number(value, 4)} of the thin-lens model)" if label in twins else label)
         return tuple(dict.fromkeys(missed))
 
+    def undefined(self) -> tuple[str, ...]:
+        """Labels of the limits that the nominal design has no value for."""
+        labels = (self.columns[l.column].label for l in self.limits if np.isnan(self.nominal[l.column]))
+        return tuple(dict.fromkeys(labels))
+
     @property
     def of_thin_twins(self) -> tuple[str, ...]:
         """Labels of what is told of the thin-lens model of a build, behind a real lens; nothing behind an ideal one."""

@@ -212,6 +212,9 @@ def test_distances_that_no_board_serves_for_are_named_with_the_reason():
     fixed = PlanOptions(at=(205.0,), range=10.0)
     (missed,) = plan_cover(design, calibration_plan(design, fixed).captures, fixed).uncovered
     assert "boards stand from 225 to 235 mm" in missed.reason
+    distance, reach = map(float, re.search(r'--distance "(.+) mm" --range "(.+) mm"', missed.reason).groups())
+    wider = PlanOptions(at=(205.0,), distance=distance, range=reach)
+    assert plan_cover(design, calibration_plan(design, wider).captures, wider).covered_mm == (205.0,)
     assert (
         calibration_plan(design, PlanOptions(at=(230.0,))).captures == calibration_plan(design, PlanOptions()).captures
     )

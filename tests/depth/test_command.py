@@ -135,6 +135,8 @@ def test_a_wrong_belief_shows_as_bias(few_rays):
         (["--scene", "nowhere.toml"], "nowhere.toml"),
         (["--believed", "papr"], "papr"),
         (["--scene", "lens.toml"], "objects.0"),
+        (["--between", "300 mm, 400 mm", "--scene", "x.toml"], "--between: goes with a capture, and this is a design"),
+        (["--sigma", "d=1%"], "--sigma: goes with a capture, and this is a design"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(options, says, tmp_path, monkeypatch, capsys):

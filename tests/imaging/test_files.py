@@ -117,6 +117,10 @@ def test_command_writes_image_json_and_preview(tmp_path, capsys):
     assert "finite_microlens_aperture" in capsys.readouterr().out
     assert (tmp_path / "a.tif").read_bytes() == (tmp_path / "b.tif").read_bytes()
     assert (tmp_path / "a.json").exists()
+    (tmp_path / "b.json").unlink()
+    for design, name, held in (("rigid-scope", "a.tif", load("paper").name), ("paper", "b.tif", "something else")):
+        assert main(["render", design, "-o", str(tmp_path / name)]) == 2
+        assert f"{name} is of {held}; delete it or choose" in capsys.readouterr().err
     with Image.open(tmp_path / "a-preview.png") as shown:
         assert shown.size[0] > 600
 

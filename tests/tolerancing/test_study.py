@@ -123,6 +123,8 @@ def test_every_fault_is_told_at_once_with_the_nearest_name():
         ({"grade": None}, "perturb", "nothing is perturbed"),
         ({"goals": [{"metric": "fill_factor", "min": 2, "max": 1}]}, "goals.0", "swap"),
         ({"goals": [{"metric": "fill_factor", "min": 1, "fields": [7]}]}, "goals.0.fields", "run from 0 to 2"),
+        ({"goals": [{"metric": "fill_factor", "min": 1, "fields": ["0 mm"]}]}, "goals.0", "from 0: fields = [0]"),
+        ({"goals": [{"metric": "fill_factor", "min": 1, "field": "0 mm"}]}, "goals.0", "from 0: fields = [0]"),
         ({"groups": [{"name": "barrel"}]}, "groups", "has no member"),
         ({"perturb": [{"place": "sensor.tilt"}]}, "perturb.0.place", "does not cover it"),
         ({"perturb": [{"place": "d_3"}, {"place": "aperture.distance"}]}, "perturb.1.place", "twice"),
@@ -181,7 +183,7 @@ def test_group_members_share_pose_by_pose():
     assert dict(plan.draws.correlations) == dict.fromkeys(groups.values(), 0.5)
 
 
-def test_a_real_lens_is_missed_in_its_own_numbers(tmp_path):
+def test_a_real_lens_is_missed_in_its_own_numbers(tmp_path, capsys):
     text = preset_path("paper").read_text()
     real = text.replace('diameter = "50.8 mm"\nfocal_length = "100 mm"', 'prescription = "ac508-150-a"')
     assert real != text
@@ -196,6 +198,15 @@ def test_a_real_lens_is_missed_in_its_own_numbers(tmp_path):
     assert missed["main_lens.surfaces.1.radius"].tolerance == pytest.approx(0.0005 * 83.18)
     assert missed["main_lens.surfaces.2.index"].tolerance == 0.0001
     assert "main_lens.focal_length" not in missed
+    dark = 'name = "n"\nfields = ["centre", ["60 mm", "0 mm"]]\n'  # no light comes so far aside
+    study = (tmp_path / "study.toml").read_text().replace('name = "n"\n', dark)
+    (tmp_path / "study.toml").write_text(study)
+    assert main(["tolerance", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out")]) == 2
+    assert "goals: fill_factor@1: the nominal design has no value there" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "study.toml").write_text(f"trials = 16\nsobol_samples = 0\n{study}fields = [0]\nmax = 0.2\n")
+    assert main(["tolerance", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out")]) == 0
+    assert capsys.readouterr().err.startswith("roslf: the nominal design itself misses fill_factor@0: its builds")
 
 
 def test_places_of_a_real_lens_are_told_apart():
