@@ -313,9 +313,9 @@ def temperature_table(result: Evaluation) -> Table | None:
     rows = tuple(row.cells(warm.temperature_degc) for row in warm.at)
     caption = (
         f"The camera as it is focused, in a {warm.held}; disparity between the FAP's rims is that of what is in focus "
-        f"at {warm.temperature_degc:g} °C."
+        f"at {warm.temperature_degc:g} °C. Parts clear: none reaches into another; the tube has a verdict of its own."
     )
-    headings = ("temperature", "f", "d_1", "d_f", "disparity [pitches]", "image fill", "parts fit")
+    headings = ("temperature", "f", "d_1", "d_f", "disparity [pitches]", "image fill", "parts clear")
     return Table(rows, "lrrrrrl", headings, "Temperature", caption)
 
 

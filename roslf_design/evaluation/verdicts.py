@@ -28,7 +28,7 @@ from ..theory.quantity import FEASIBLE
 from ..theory.stop_images import MicrolensImages
 from ..words import length, listed, number, on_side, percent, place, the
 from .answer import EVEN, FirstAnswer
-from .fields import default_fields, field_openings
+from .fields import Place, default_fields, field_openings
 from .groups import Field, Numbers, RealLens, Verdict
 from .remedies import ways_of
 
@@ -381,26 +381,32 @@ def _resolved(camera: Camera, sampling: Numbers) -> Verdict:
     )
 
 
-def _thin(f: Numbers, lens: RealLens) -> Verdict:
-    """Whether microlens images lie where the thin lens puts them, and are as large."""
-    name, other = "thin_lens_holds", "calibrate image centres rather than compute them, or take a better corrected lens"
-    if not lens.fields:
-        return Verdict.of(name, "thin lens: no field was asked for")
+def farthest_off(lens: RealLens) -> tuple[float, float, float, Place] | None:
+    """Shift [px], widening [px and %] and place [mm] of the traced image that differs most from the thin lens's."""
     images = [
         (math.hypot(*field.shift_px), field.widening_px, field.widening_percent, field.x_ml_mm)
         for field in lens.fields
         if field.shift_px is not None and field.widening_px is not None and field.widening_percent is not None
     ]
-    if not images:
-        return Verdict.of(name, "thin lens fails: no field asked for has a whole image", other)
     # A rim of the image moves by half of what it widens.
-    moved, wider, percent, at = max(images, key=lambda image: image[0] + abs(image[1]) / 2)
+    return max(images, key=lambda image: image[0] + abs(image[1]) / 2, default=None)
+
+
+def _thin(f: Numbers, lens: RealLens) -> Verdict:
+    """Whether microlens images lie where the thin lens puts them, and are as large."""
+    name, other = "thin_lens_holds", "calibrate image centres rather than compute them, or take a better corrected lens"
+    if not lens.fields:
+        return Verdict.of(name, "thin lens: no field was asked for")
+    image = farthest_off(lens)
+    if image is None:
+        return Verdict.of(name, "thin lens fails: no field asked for has a whole image", other)
+    moved, wider, percent, at = image
     size = (
         f"at {place(at)} mm on the MLA {lens.lens} shifts the microlens image by {moved:.3g} px and "
         f"{'narrows' if percent < 0 else 'widens'} it by {abs(percent):.3g} % "
         f"(image fill {f.fill_factor * (1 + percent / 100):.3g})"
     )
-    if moved + abs(wider) / 2 <= SLACK_PX and len(images) == len(lens.fields):
+    if moved + abs(wider) / 2 <= SLACK_PX and all(field.shift_px is not None for field in lens.fields):
         return Verdict.of(name, f"thin lens holds: {size}")
     return Verdict.of(name, f"thin lens does not hold: {size}", other)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from ..theory.quantities import QUANTITIES
 from ..theory.tube import widest_fap
 from ..theory.vignetting import corner_room, field_limit, undistorted_radii
 from ..words import to_html
+from .main_lens import explored_lens
 
 Floats = NDArray[np.float64]
 Change = float | str
@@ -51,6 +52,12 @@ class Fix:
     """Benefit and cost of the change, in words."""
     why_not: str = ""
     """Why it cannot be done, or need not be; "" where it can."""
+
+    @property
+    def of_thin_lens(self) -> Fix:
+        """Proposal behind a real lens, which none of it is traced through."""
+        outcome, why_not = (text and f"thin lens: {text}" for text in (self.outcome, self.why_not))
+        return replace(self, outcome=outcome, why_not=why_not)
 
     def page(self, settled: bool) -> dict[str, str]:
         """Values for the page; nothing is promised of a design that is still being changed."""
@@ -109,7 +116,8 @@ def proposals(design: Design) -> tuple[Fix, ...]:
         ("widest-field-d_3", "Largest undistorted field by d_3", "d_3", _widest(camera)),
         ("telecentric", f"Go telecentric ({focus})", "d_3", _telecentric(camera)),
     )
-    return tuple(_with_consequences(design, now, *proposal) for proposal in every)
+    fixes = tuple(_with_consequences(design, now, *proposal) for proposal in every)
+    return tuple(fix.of_thin_lens for fix in fixes) if explored_lens(design).twin else fixes
 
 
 def _matching(camera: Camera, now: _Facts) -> Iterator[tuple[str, Change]]:

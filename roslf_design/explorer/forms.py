@@ -163,7 +163,7 @@ def forms(state: State) -> dict[str, Any]:
         "variables": [_offered(s, state) for s in VARIABLES],
         "required": bool(design.required),
         "held": [{"key": key, "label": held.label} for key, held in HELD.items()],
-        "lens": lens.named_apart,
+        "unsearched": lens.unsearched,
         "of": state.reference.name,
     }
 

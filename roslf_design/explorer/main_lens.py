@@ -1,15 +1,17 @@
-"""The main lens in the explorer, ideal or real: how many builds are traced, what is searched, whose verdicts stand."""
+"""The main lens in the explorer, ideal or real: how many builds are traced, what is searched, what is evaluated."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import ClassVar
 
 from ..bore.main_lens import IdealMainLens, RealMainLens, SheetMainLens
+from ..camera import Camera
 from ..design import Design
 from ..errors import InputError, Problem
-
-Lights = list[dict[str, str]]
+from ..evaluation import Evaluation
+from ..theory.depth_budget import depth_budget
 
 TRIALS = 16384
 """Builds of a tolerance run where nobody says otherwise."""
@@ -20,10 +22,10 @@ class _IdealLens:
 
     trials: ClassVar[int] = TRIALS
     """Builds of a tolerance run that the form offers."""
-    named_apart: ClassVar[bool] = False
-    """Whether the page says which pictures are of a thin lens."""
     twin: ClassVar[str] = ""
     """Ending of names of files with pictures of its thin-lens model."""
+    unsearched: ClassVar[str] = ""
+    """Why it is not searched here, and what searches it; empty where it is."""
 
     def searched(self, design: Design) -> Design:
         """The design that an optimisation starts from.
@@ -33,30 +35,36 @@ class _IdealLens:
         InputError
             Its main lens is not varied.
         """
+        if self.unsearched:
+            raise InputError((Problem(design.main_lens.kind.name, self.unsearched),))
         return design
 
-    def lights(self, thin: Lights, waiting: Lights, traced: Callable[[], Lights | None]) -> Lights:
-        """Verdicts to show, the thin-lens model's and traced ones; as long as these are not known, those that wait."""
-        return thin
+    def evaluation(
+        self, design: Design, thin: Callable[[Design], Evaluation], traced: Callable[[], Evaluation | Exception | None]
+    ) -> Evaluation:
+        """Evaluation to show: the traced one, once it is known, of a lens that is traced."""
+        return thin(design)
 
 
 class _RealLens(_IdealLens):
-    """A real main lens, of which verdicts and builds are traced."""
+    """A real main lens, through which designs and builds are traced."""
 
     trials = 1024
-    named_apart = True
     twin = "-thin-lens"
 
-    def searched(self, design: Design) -> Design:
-        """None: its thin-lens model is searched."""
-        name = design.main_lens.kind.name
-        message = f"{name} is a real lens, and the search varies ideal ones; optimise its thin-lens model"
-        raise InputError((Problem("main lens", message),))
+    unsearched = (
+        "a real lens is traced for every design that a search tries, which takes minutes and is not done here: save "
+        "the design, name it in a study file, and run `roslf optimize study.toml`"
+    )
 
-    def lights(self, thin: Lights, waiting: Lights, traced: Callable[[], Lights | None]) -> Lights:
-        """Traced ones, or the thin-lens model's until they are known."""
+    def evaluation(
+        self, design: Design, thin: Callable[[Design], Evaluation], traced: Callable[[], Evaluation | Exception | None]
+    ) -> Evaluation:
+        """The traced one, or the thin-lens model's until it is known; depth warms by the lens's own glass in both."""
         known = traced()
-        return [*thin, *waiting] if known is None else known
+        if isinstance(known, Exception):
+            raise known
+        return known or replace(thin(design.thin_twin), depth_budget=depth_budget(Camera.of(design)))
 
 
 _LENSES = {IdealMainLens: _IdealLens(), SheetMainLens: _IdealLens(), RealMainLens: _RealLens()}

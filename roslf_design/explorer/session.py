@@ -17,7 +17,7 @@ from ..drawing.picture import Picture, notice
 from ..drawing.solid import BrowserMesh, changed
 from ..drawing.theme import ThemeName
 from ..errors import FAULTS, InputError, cause
-from ..evaluation import evaluate
+from ..evaluation import Evaluation, evaluate
 from ..reporting.design.instrument import scene
 from ..theory.limits import as_design, design_of_text
 from .fixes import Fix, proposals
@@ -44,7 +44,6 @@ from .state import (
 )
 from .view import (
     DRAWINGS,
-    TRACING,
     PictureSource,
     Size,
     controls,
@@ -53,8 +52,8 @@ from .view import (
     fitting,
     glance,
     header,
-    lights,
     looked_at,
+    shown_lights,
     unknown,
 )
 
@@ -144,7 +143,8 @@ class Session:
                 known = _tried(lambda: depth_known(source), depth_unknown)
             verdicts = {
                 "glance": _tried(lambda: glance(source.evaluation), lambda why: []),
-                "lights": _tried(lambda: self._lights(source), lambda why: [unknown("Verdicts", why)]),
+                "glance_of": _tried(lambda: source.counted, lambda why: ""),
+                "lights": _tried(lambda: shown_lights(source), lambda why: [unknown("Verdicts", why)]),
                 "fixes": self._fixes(),
             }
         return {
@@ -152,7 +152,7 @@ class Session:
             **header(self._history),
             **controls(self.state),
             **looked_at(self.state, self._look),
-            **(verdicts or {"glance": [], "lights": [], "fixes": []}),
+            **(verdicts or {"glance": [], "glance_of": "", "lights": [], "fixes": []}),
             "depth_known": known,
             "space": space,
             **{f"{kind}_run": summary(self._runs.get(kind), self.design, self._wrong.get(kind, "")) for kind in KINDS},
@@ -368,13 +368,13 @@ class Session:
     def _source(self) -> PictureSource:
         design = self.design.thin_twin
         results = {kind: run.result for kind, run in self._runs.items() if run.result is not None}
-        return PictureSource(design, self._evaluated, self._look, self._limits, results)
+        return PictureSource(design, self.design, self._evaluation, self._look, self._limits, results)
 
-    def _lights(self, source: PictureSource) -> list[dict[str, str]]:
-        """Verdicts of the thin-lens model at once; those of the real lens once it has been traced."""
+    def _evaluation(self) -> Evaluation:
+        """Evaluation of the thin-lens model at once; that of the real lens once it has been traced."""
         # In the loop, not in a thread: compiled kernels may not be entered by two threads at once.
-        return explored_lens(self.design).lights(
-            lights(source.evaluation), [TRACING], lambda: self._after_a_pause(_verdicts)[1]
+        return explored_lens(self.design).evaluation(
+            self.design, self._evaluated, lambda: self._after_a_pause(_traced)[1]
         )
 
     def _fixes(self) -> list[dict[str, str]]:
@@ -461,9 +461,12 @@ def _tried(find: Callable[[], Known], otherwise: Callable[[str], Known]) -> Know
         return otherwise(cause(error))
 
 
-def _verdicts(design: Design) -> list[dict[str, str]]:
-    """The verdicts on a design, its lens traced where it is real."""
-    return _tried(lambda: lights(evaluate(design)), lambda why: [unknown("Verdicts", why)])
+def _traced(design: Design) -> Evaluation | Exception:
+    """Evaluation of a design, its lens traced where it is real; or why there is none."""
+    try:
+        return evaluate(design)
+    except FAULTS as error:
+        return error
 
 
 def _proposals(design: Design) -> tuple[Fix, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from html import escape
@@ -17,10 +18,12 @@ from ..design import Design
 from ..drawing.marks import Point
 from ..drawing.picture import Picture
 from ..drawing.theme import short
+from ..errors import FAULTS
 from ..evaluation import Evaluation
 from ..evaluation.groups import Verdict
 from ..evaluation.required import Requirement
 from ..evaluation.result import depth_facts
+from ..evaluation.verdicts import farthest_off
 from ..lenses.glass import Glass
 from ..reporting.depth.pictures import normalised, profile
 from ..reporting.design.curves import depth_over_field, depth_precision, field_curve, matching_plane
@@ -30,7 +33,7 @@ from ..reporting.design.microlens import microlens_image, nearest_microlens
 from ..reporting.design.rays import meridional
 from ..reporting.optimise.pictures import change_bars, ends_differ, goal_front, search_history
 from ..reporting.tolerance.pictures import offender_bars, spread_bars, yield_bars, yield_curve
-from ..theory.depth_budget import NOISE
+from ..theory.depth_budget import NOISE, WARMTH
 from ..theory.quantities import QUANTITIES
 from ..words import listed, percent, the, to_html
 from .optimise_run import OptimiseResult
@@ -71,6 +74,11 @@ LIGHT_GROUPS = tuple(dict.fromkeys(field.group for field in LIGHT))
 KNOWN_ALIKE = 1.1
 """Factor within which depth counts as known as well as on the axis."""
 
+COOLER = (
+    "against temperature, calibrated_at where the camera is used, a housing that expands otherwise, or a narrower range"
+)
+"""Remedies of depth that temperature spoils, all of [environment]."""
+
 LEAST, MOST = 160, 3000
 """Sizes that a picture is made in [px]."""
 
@@ -81,8 +89,10 @@ class PictureSource:
 
     design: Design
     """With an ideal lens: the pictures are of the thin-lens model."""
-    evaluate: Callable[[Design], Evaluation]
-    """Evaluation of a design; one asked for before is known."""
+    real: Design
+    """With its own lens, whose glass tells how depth warms."""
+    evaluate: Callable[[], Evaluation]
+    """Evaluation of it, as far as it is known."""
     look: Look
     limits: tuple[float, float] | None = None
     """Where the axes of the plane of d_3 and D_F end [mm], kept still while its point is dragged."""
@@ -91,8 +101,29 @@ class PictureSource:
 
     @cached_property
     def evaluation(self) -> Evaluation:
-        """Evaluation of the design."""
-        return self.evaluate(self.design)
+        """Evaluation of the design: of a real lens as long as it is not traced, of its thin-lens model."""
+        return self.evaluate()
+
+    @property
+    def provisional(self) -> bool:
+        """Whether a real lens is yet to be traced."""
+        return self.real is not self.design and self.evaluation.real_lens is None
+
+    @property
+    def traced_to(self) -> float | None:
+        """How far from the array's middle images are whole through a real lens [mm]; None until it is traced."""
+        if self.real is not self.design:
+            with suppress(*FAULTS):  # the verdicts say so
+                traced = self.evaluation.real_lens
+                return traced and traced.x_ml_max_mm
+        return None
+
+    @property
+    def counted(self) -> str:
+        """Lens that main numbers are of, in few words; empty of an ideal one."""
+        if self.real is self.design:
+            return ""
+        return "thin lens; tracing ..." if self.provisional else "field and light traced"
 
     @cached_property
     def place(self) -> tuple[float, float]:
@@ -169,14 +200,17 @@ DRAWINGS = {
             design, place, size, waves=waves, pixels=pixels
         ),
     ),
-    "mla-map": _Drawing("camera", "Microlens array", (340, 330), lambda s: (s.design, s.place), mla_map),
+    "mla-map": _Drawing(
+        "camera", "Microlens array", (340, 330), lambda s: (s.design, s.place, s.traced_to),
+        lambda design, place, traced_to, size: mla_map(design, place, size, traced_to=traced_to),
+    ),
     "matching-plane": _Drawing(
         "camera", "FAP diameter and distance", (340, 330), lambda s: (s.design, s.limits),
         lambda design, limits, size: matching_plane(design, size, limits=limits),
     ),
-    "depth": _Drawing("depth", "Depth, expected, over distance", (520, 360), lambda s: (s.design,), depth_precision),
+    "depth": _Drawing("depth", "Depth, expected, over distance", (520, 360), lambda s: (s.real,), depth_precision),
     "depth-field": _Drawing(
-        "depth", "Depth, expected, over the field", (520, 360), lambda s: (s.design,), depth_over_field
+        "depth", "Depth, expected, over the field", (520, 360), lambda s: (s.real,), depth_over_field
     ),
     "effects": _Drawing(
         "depth", "Effects against their budgets", (520, 420), lambda s: (s.evaluation.effects,),
@@ -346,6 +380,13 @@ def unknown(what: str, why: str) -> dict[str, str]:
     return {**light, "text": to_html(words), "plain": words, "remedy": ""}
 
 
+def shown_lights(source: PictureSource) -> list[dict[str, str]]:
+    """The verdicts as lights; those of the thin-lens model without colour, as long as a real lens is not traced."""
+    found = lights(source.evaluation)
+    waits = {"level": TRACING["level"], "word": TRACING["word"]}
+    return [*({**light, **waits} for light in found), TRACING] if source.provisional else found
+
+
 def lights(evaluation: Evaluation) -> list[dict[str, str]]:
     """The verdicts as lights: a colour, a few words, a number, the sentence behind it; the required are one."""
     required = [one.verdict for one in evaluation.required]
@@ -423,8 +464,8 @@ def _margin(evaluation: Evaluation, verdict: Verdict) -> str:
         return f"f/{short(evaluation.f_number.microlens_lens, 3)}"
     if lens is None:
         return ""
-    shifts = [math.hypot(*field.shift_px) for field in lens.fields if field.shift_px is not None]
-    return f"{short(max(shifts), 2)} px" if shifts else "no image"
+    image = farthest_off(lens)
+    return "no image" if image is None else f"{short(image[0], 2)} px"
 
 
 def _signed(value: float) -> str:
@@ -442,7 +483,7 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
         return depth_unknown("the microlenses are focused on the scene, not on the pupil, and pixels are no views.")
     if not source.evaluation.has_views:
         return depth_unknown("too few pixels lie across a microlens image to be views.")
-    depth, curve = source.evaluation.depth, field_curve(source.design)
+    depth, curve = source.evaluation.depth, field_curve(source.real)
     design, assumed = source.design, depth.assumes
     sigma, rows = depth.sigma_z_mm, _assumed_rows(source.evaluation)
     if not math.isfinite(sigma):
@@ -470,6 +511,8 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
         tone = "caution"
     if assumed is not None and budget.largest.name != NOISE:
         text += f" More light hardly helps: {budget.largest.name} rules."
+        if budget.largest.name == WARMTH:
+            remedy = "; ".join(filter(None, (COOLER, remedy and f"at the corner {remedy}")))
     elif assumed is not None:
         dark = design.sensor.read_noise**2 / max(assumed.electrons, 1e-300)
         text += " Twice the contrast halves it; " + (
@@ -510,6 +553,8 @@ def glance(evaluation: Evaluation) -> list[dict[str, str]]:
     rows = {name: value for name, value, _ in evaluation.answer.rows}
     rows |= {"depth, expected": evaluation.depth_budget.words} if views else {}
     rows |= {quantity.label: quantity.text(evaluation.value(quantity)) for quantity in first}
+    if (lens := evaluation.real_lens) is not None:
+        rows[QUANTITIES["undistorted_field_mm"].label] = f"{short(lens.x0_max_mm, 5)} mm"
     for name, share in evaluation.fields[-1].ray_budget.taken():
         landed = {"own cell": "in its own cell", "neighbours": "in its neighbours"}.get(name)
         if landed or share > 0:

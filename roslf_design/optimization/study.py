@@ -358,8 +358,9 @@ class Result(BriefValue):
                 problem = combinations.problem_at(ranked.number)
                 so_far = ", best so far" if self.ranking.stopped else ""
                 design = problem.design_at(ranked.search.unit, f"{title}, parts {place}{so_far}")
-                parts = ", ".join(self.ranking.ordered(ranked).values())
-                yield f"parts-{place:02d}.toml", design.replace({"source": f"catalogue: {parts}"})
+                parts = self.ranking.ordered(ranked)
+                told = ", ".join(f"lens {part}" if kind == "orientations" else part for kind, part in parts.items())
+                yield f"parts-{place:02d}.toml", design.replace({"source": f"catalogue: {told}"})
 
     def to_dict(self, *, timings: bool = True) -> dict[str, Any]:
         """One JSON object, what is not finite null; without timings the same bytes every time."""

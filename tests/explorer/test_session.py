@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from roslf_design.cli import main
 from roslf_design.design import dumps, load, loads, preset_names
+from roslf_design.drawing.theme import short
 from roslf_design.evaluation import evaluate
 from roslf_design.explorer import session as session_module
 from roslf_design.explorer.jobs import PAUSE
@@ -20,7 +21,8 @@ from roslf_design.explorer.runs import Run
 from roslf_design.explorer.server import PAGE
 from roslf_design.explorer.session import DownloadError, Session
 from roslf_design.explorer.state import FIELDS, LIGHT, STEPS, TABS
-from roslf_design.explorer.view import DRAWINGS, lights, with_cards
+from roslf_design.explorer.view import DRAWINGS, glance, lights, with_cards
+from roslf_design.theory.depth_budget import WARMTH
 from tests.explorer.made import made_of
 from tests.reporting.made import few_builds
 
@@ -466,6 +468,59 @@ def test_lights_of_a_real_lens_tell_the_traced_field():
     assert traced["field_undistorted"]["level"] == "fault"
     assert traced["field_undistorted"]["margin"].startswith("to ")
     assert traced["thin_lens_holds"]["margin"].endswith(" px")
+
+
+WARM = {"environment": {"range": (5.0, 30.0), "calibrated_at": 20.0, "housing": "titanium"}}
+
+
+@pytest.mark.parametrize("warmed", [{}, WARM], ids=["room", "warm"])
+@pytest.mark.parametrize("name", [name for name in preset_names() if load(name).lens is not None])
+def test_behind_a_real_lens_the_explorer_tells_what_evaluate_tells(name, warmed):
+    design = load(name).replace(warmed)
+    result, session = evaluate(design), Session(design)
+    u = f"{short(float(result.depth_budget.u_z_mm), 3)} mm"
+
+    async def play():
+        session.opened("", "light", {})
+        session.ask("look", "tab", "depth")
+        first = session.page()
+        session.ask("look", "tab", "camera")
+        map_first = session.page()["picture_mla_map"]
+        for _ in range(400):
+            await asyncio.sleep(0.05)
+            if not any(light["level"] == "wait" for light in session.page()["lights"]):
+                break
+        later = session.page()
+        session.ask("look", "tab", "depth")
+        last = session.page()
+        session.close()
+        return first, map_first, later, last
+
+    first, map_first, later, last = asyncio.run(play())
+    # Depth is the one of the lens's own glass at once, in words and in both pictures.
+    for page in (first, last):
+        assert page["depth_known"]["text"].startswith("Depth, expected, in the plane in focus: u = " + u)
+        assert f": {u} at the focal plane" in page["picture_depth"]
+        assert f": {u} at its centre" in page["picture_depth_field"]
+    # What rays tell waits for them.
+    assert {light["level"] for light in first["lights"]} == {"wait"}
+    assert "tracing" in first["glance_of"]
+    assert "traced" not in map_first
+    assert later["lights"] == lights(result)
+    assert later["glance"] == glance(result)
+    assert "tracing" not in later["glance_of"]
+    # On the field verdict, numbers, map and proposals agree.
+    lens = result.real_lens
+    assert f"traced: whole to {lens.x_ml_max_mm:.4g} mm" in later["picture_mla_map"]
+    assert {"label": "undistorted field radius", "value": f"{short(lens.x0_max_mm, 5)} mm"} in later["glance"]
+    assert all((fix["why_not"] or fix["outcome"]).startswith("thin lens: ") for fix in later["fixes"])
+    assert ("calibrated_at" in last["depth_known"]["remedy"]) == (result.depth_budget.largest.name == WARMTH)
+
+
+def test_behind_a_real_lens_no_search_is_offered_and_its_command_is_told():
+    session = Session(load("paper-singlet"))
+    assert "`roslf optimize" in session.page()["forms"]["unsearched"]
+    assert not Session(PAPER).page()["forms"]["unsearched"]
 
 
 # Page and server agree on what the page may ask.

@@ -355,14 +355,14 @@
 
   // Behind a real lens: what is drawn, or computed, for its thin-lens model all the same.
   const Twin = {
-    props: ["lens"],
-    template: `<span v-if="lens" class="twin" :title="'For an ideal thin lens of the same focal length and diameter. ' + lens + ' itself is traced for the verdicts above, reports and tolerance runs.'">thin lens</span>`,
+    props: ["lens", "words"],
+    template: `<span v-if="lens" class="twin" :title="'For an ideal thin lens of the same focal length and diameter, depth in temperature by the glass of ' + lens + ', which itself is traced for the verdicts above, field and light at a glance, reports and tolerance runs.'">{{ words || 'thin lens' }}</span>`,
   };
 
   const Glance = {
-    props: ["rows", "lens"],
+    props: ["rows", "lens", "words"],
     template: `
-<section class="card card-glance" aria-label="Numbers at a glance"><div class="card-head"><h2>Numbers at a glance <rx-twin :lens="lens"></rx-twin></h2></div>
+<section class="card card-glance" aria-label="Numbers at a glance"><div class="card-head"><h2>Numbers at a glance <rx-twin :lens="lens" :words="words"></rx-twin></h2></div>
   <div class="found"><table><caption class="unseen">Numbers at a glance</caption><tbody><tr v-for="row in rows" :key="row.label"><td v-html="row.label"></td><td>{{ row.value }}</td></tr></tbody></table></div>
 </section>`,
   };

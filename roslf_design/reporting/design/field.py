@@ -107,10 +107,13 @@ def field_map(design: Design, points: int = 160) -> _ArrayMap:
     )
 
 
-def mla_map(design: Design, selected: Point | None = None, size: Point = (460, 400)) -> Picture:
+def mla_map(
+    design: Design, selected: Point | None = None, size: Point = (460, 400), *, traced_to: float | None = None
+) -> Picture:
     """Draw which microlens images are whole, cut or dark, and which microlens is looked at, `selected` on the MLA [mm].
 
-    A real lens is taken as its thin-lens model. The picture's mapping takes pixels to places on the MLA [mm].
+    A real lens is taken as its thin-lens model, and `traced_to` told: how far out images are whole through it [mm]. The
+    picture's mapping takes pixels to places on the MLA [mm].
     """
     thin = design.thin_twin
     fields = field_map(thin, POINTS)
@@ -124,6 +127,8 @@ def mla_map(design: Design, selected: Point | None = None, size: Point = (460, 4
     if selected is not None:
         marks += _cross(selected, panel)
     words = _shares(thin, fields)
+    if traced_to is not None:
+        words = f"{words} by the thin lens, traced: whole to {traced_to:.4g} mm"
     whole = f"on the sensor: {words}"
     remark = Text(14, 16, whole if text_width(whole, SMALL) < size[0] - 20 else words, testid="mla-shares")
     title = f"Map of the microlens array of {design.name}: {words} of the images on the sensor"
