@@ -115,7 +115,7 @@ class PictureSource:
         if self.real is not self.design:
             with suppress(*FAULTS):  # the verdicts say so
                 traced = self.evaluation.real_lens
-                return traced and traced.x_ml_max_mm
+                return None if traced is None else traced.x_ml_max_mm
         return None
 
     @property
