@@ -120,6 +120,15 @@ def test_small_lengths_and_their_spreads_are_printed_in_one_unit_without_powers_
     assert float(spread.split()[-1]) < float(value.split()[0])  # of the same unit: some per cent of it
 
 
+def test_what_is_required_is_printed_in_the_unit_of_its_limit():
+    scope = roslf.load("rigid-scope").replace({"depth.disparity_error": 1e-4})
+    required = roslf.loads(roslf.dumps(scope) + '\n[required]\nu_z_mm = {max = "0.25 mm"}\n')
+    (line,) = (line for line in datasheet.basis(required).rows if line.subject == "Required")
+    assert 0 < line.value < 0.1
+    assert datasheet._value(line) == f"{line.value:.4g} mm"
+    assert "at most 0.25 mm" in line.remark
+
+
 def test_what_is_required_says_how_many_builds_meet_it(tmp_path, capsys, monkeypatch, rough):
     """Views across are in proportion to D_F, whose misses are even: half of the builds have fewer than nominal."""
     monkeypatch.setattr(datasheet, "FEW", 4)

@@ -572,8 +572,11 @@ def _value(line: _SheetLine) -> str:
 
 
 def _shown_in(line: _SheetLine) -> tuple[float, str]:
-    """Unit that value and spread of a line are printed in, and how many of it make the line's own."""
-    small = line.unit == "mm" and 0 < abs(line.value or 0.0) < SMALL
+    """Unit that value and spread of a line are printed in, and how many of it make the line's own.
+
+    That of its limit where one stands beside.
+    """
+    small = line.unit == "mm" and line.subject != REQUIRED and 0 < abs(line.value or 0.0) < SMALL
     return (1e3, "um") if small else (1.0, line.unit)
 
 
