@@ -406,9 +406,11 @@ def _thin(f: Numbers, lens: RealLens) -> Verdict:
         f"{'narrows' if percent < 0 else 'widens'} it by {abs(percent):.3g} % "
         f"(image fill {f.fill_factor * (1 + percent / 100):.3g})"
     )
-    if moved + abs(wider) / 2 <= SLACK_PX and all(field.shift_px is not None for field in lens.fields):
+    lost = [place(field.x_ml_mm) for field in lens.fields if field.shift_px is None or field.widening_px is None]
+    if not lost and moved + abs(wider) / 2 <= SLACK_PX:
         return Verdict.of(name, f"thin lens holds: {size}")
-    return Verdict.of(name, f"thin lens does not hold: {size}", other)
+    none = f"; there is no whole image at {listed(lost)} mm" if lost else ""
+    return Verdict.of(name, f"thin lens does not hold: {size}{none}", other)
 
 
 def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:

@@ -509,6 +509,11 @@ def test_behind_a_real_lens_the_explorer_tells_what_evaluate_tells(name, warmed)
     assert later["lights"] == lights(result)
     assert later["glance"] == glance(result)
     assert "tracing" not in later["glance_of"]
+    thin_lens = next(light for light in later["lights"] if light["name"] == "thin_lens_holds")
+    moved = float(re.search(r"by ([\d.]+) px", thin_lens["plain"])[1])
+    assert float(thin_lens["margin"].removesuffix(" px")) == pytest.approx(moved, rel=0.05)
+    assert thin_lens["level"] == "fault"
+    assert "no whole image at" in thin_lens["plain"]
     # On the field verdict, numbers, map and proposals agree.
     lens = result.real_lens
     assert f"traced: whole to {lens.x_ml_max_mm:.4g} mm" in later["picture_mla_map"]
