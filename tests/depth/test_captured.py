@@ -433,7 +433,7 @@ PART = ["--region", "2156,1396,288,288"]
         (["raw.tif", *PAPER, "--between", "300 mm"], '--between: "300 mm" is no pair of distances'),
         (["raw.tif", *PAPER, "--between", "30 mm, 300 mm"], "--between: 30 mm lies where the camera sees nothing"),
         (["raw.tif", *PAPER, "--between", "a, b"], "give two distances"),
-        (["paper", "--white", "white.tif", "--design", "paper"], "paper"),
+        (["paper", *WHITE], "--white: goes with a capture, and this is a design"),
         (["one"], "one: holds 1 view; depth needs two or more"),
         (["unequal"], "view_0_1.png has 24 x 20 px and view_0_0.png 20 x 20 px"),
         (["dark"], "dark: all views are black"),
