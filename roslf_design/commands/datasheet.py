@@ -24,6 +24,7 @@ from .terminal import (
     Distances,
     OptionalOutput,
     check_options,
+    check_owner,
     check_page,
     check_target,
     check_typst,
@@ -102,8 +103,8 @@ def _check_sheet(target: Path, kind: str, title: str) -> None:
     """Refuse to write a sheet of a title over one of another design or revision."""
     if kind in (".pdf", ".html"):
         check_page(target, title)
-    elif target.is_file() and (held := title_written(target.read_bytes())) != title:
-        raise refusal("output", f"{target} is of {held or 'something else'}; {OTHER_PLACE}")
+    elif target.is_file():
+        check_owner(target, title_written(target.read_bytes()), title)
 
 
 def _written(grounds: SpreadSources, kind: str, paper: Paper, revision: str, date: str) -> bytes:

@@ -16,7 +16,7 @@ from pydantic import Field
 from ..accuracy.picture import settle, stated
 from ..design.files import in_the_way, write_atomically
 from ..effects import Budget, Plan, plan
-from ..errors import OTHER_PLACE, InputError, Problem, refusal
+from ..errors import InputError, Problem, refusal
 from ..imaging.files import check_target, write_image
 from ..imaging.render import render as compute
 from ..options import Options
@@ -24,7 +24,19 @@ from ..reporting.design.microlens import preview as zooms
 from ..scenes import WHITE_FIELD, load_scene
 from ..tables import Table, print_table
 from ..theory.limits import as_design
-from .terminal import DesignName, Flag, Flat, Json, OptionalOutput, StatusLine, bar, check_options, json_text, say
+from .terminal import (
+    DesignName,
+    Flag,
+    Flat,
+    Json,
+    OptionalOutput,
+    StatusLine,
+    bar,
+    check_options,
+    check_owner,
+    json_text,
+    say,
+)
 
 
 class _Options(Options):
@@ -205,8 +217,7 @@ def _check_owner(target: Path, design: str) -> None:
     held = ""
     with suppress(OSError, ValueError, LookupError, TypeError):
         held = str(json_module.loads(target.with_suffix(".json").read_bytes())["design"]["name"])
-    if held != design:
-        raise refusal("output", f"{target} is of {held or 'something else'}; {OTHER_PLACE}")
+    check_owner(target, held, design)
 
 
 def _preview_of(target: Path) -> Path:

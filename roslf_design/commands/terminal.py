@@ -253,11 +253,16 @@ def _page_title(content: bytes) -> str | None:
 def check_page(path: Path, title: str | None) -> None:
     """Refuse to write a page of a title over one of another, or over a PDF that was signed or marked since."""
     content = path.read_bytes() if path.is_file() else b""
-    held = _page_title(content)
-    if content and held != title:
-        raise refusal("output", f"{path} is of {held or 'something else'}; {OTHER_PLACE}")
+    if content:
+        check_owner(path, _page_title(content), title)
     if content.startswith(b"%PDF") and content.count(b"%%EOF") > 1:
         raise refusal("output", f"{path} was signed or marked since it was written; {OTHER_PLACE}")
+
+
+def check_owner(path: Path, held: str | None, owner: str | None) -> None:
+    """Refuse to write over a file that is of another than its owner, or of nobody known."""
+    if held != owner:
+        raise refusal("output", f"{path} is of {held or 'something else'}; {OTHER_PLACE}")
 
 
 def typed(*words: object, **options: object) -> str:

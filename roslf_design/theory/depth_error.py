@@ -129,12 +129,12 @@ def overlap_error(c: Camera) -> Array:
 
 
 def fill_left(c: Camera) -> Array:
-    """Image fill on the axis of what stops leave of the FAP, as a disc's of the same area; looked at beyond 1 only."""
+    """Image fill on the axis of what stops leave of the FAP, as a disc's of the same area; the FAP's if little."""
     whole = np.real(fill_factor(c))
-    if not np.any(whole > 1.0):
+    if not np.any(whole > MOST_FILL[c.layout]):
         return whole
     left = MicrolensImages(c, [(0.0, 0.0)]).shapes.kept_fraction[0].reshape(c.shape)
-    return np.where(whole > 1.0, whole * np.sqrt(left), whole)[()]
+    return np.asarray(whole * np.sqrt(left))[()]
 
 
 def expected_error(c: Camera, at: Depth | Array) -> Array:

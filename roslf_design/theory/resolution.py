@@ -155,8 +155,9 @@ def axial_limit(c: Camera, rate: Number, level: float) -> Array:
         least, most = low, high
         for _ in range(HALVINGS):
             middle = (least + most) / 2
-            passed = np.array(np.broadcast_to(pupil.overlap(middle, *way), shape))
+            passed = pupil.overlap(middle, *way)
             if builds.size:
+                passed = np.array(np.broadcast_to(passed, shape))
                 passed[cut] = left.overlap(np.multiply.outer(middle[cut] * spread, way))
             above = passed * lens.refocused(rate, middle, way) > wanted
             least, most = np.where(above, middle, least), np.where(above, most, middle)
