@@ -152,6 +152,7 @@ WAVES = Scene(objects=(Plane(texture=Sinusoid(period=1.0)),))
 BY_RAYS = ["-microlens_diffraction", "-microlens_defocus"]
 
 
+@pytest.mark.usefixtures("near_light")
 @pytest.mark.parametrize(
     ("design", "scene", "overrides"),
     [
