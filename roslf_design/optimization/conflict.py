@@ -13,23 +13,43 @@ import numpy as np
 from .._arrays import Array, by_value
 from ..theory.quantity import FEASIBLE
 from ..words import listed, number, on_side
-from .goals import Side
+from .goals import Constraint
 from .problem import FRESH_POINTS, DesignProblem, sobol_units
-from .search import Guard, SearchBudget, least_violation, violation_of
+from .search import BIG, Guard, SearchBudget, least_violation, violation_of
 
 EXPLAINING = 10_000, 10.0
 """Evaluations, and seconds where there is a clock, that why nothing is feasible may take at least."""
+DEAR = 10
+"""Such evaluations, of what takes milliseconds, for one."""
+LOOKED_AT = 2048
+"""Points all over the bounds that are looked at first."""
+STARTS, APART = 4, 0.05
+"""Points from which limits are searched for together, and their least distance in one of the variables."""
+PRESSED = 1e-4
+"""Scaled rows so close to their limit count as pressed on."""
 
 
 @dataclass(frozen=True)
 class _Violation:
-    """How far a limit is missed at the least-violating point."""
+    """A limit, and what there is of it at a least-violating point."""
 
     limit: str
     """E.g. ``fill_factor <=``."""
     value: float
     wanted: float
     unit: str
+
+    @classmethod
+    def of(cls, problem: DesignProblem, constraint: Constraint, unit: Array) -> _Violation:
+        """A one-sided limit of a problem at scaled variables."""
+        ((side, limit),) = constraint.limits.items()
+        value = problem.number(constraint, unit)
+        return cls(constraint.limit_words(side), value, limit, constraint.quantity.unit)
+
+    @property
+    def value_words(self) -> str:
+        """Value with its unit, or none."""
+        return "none" if math.isnan(self.value) else f"{number(self.value)} {self.unit}".rstrip()
 
 
 @dataclass(frozen=True)
@@ -60,6 +80,8 @@ class Conflict:
     violations: tuple[_Violation, ...] = ()
     smallest: tuple[str, ...] = ()
     """Constraints that cannot hold together within the bounds, while any fewer of them can, as far as searches tell."""
+    clashing: tuple[_Violation, ...] = ()
+    """These, with what there is of each at the least-violating point of them alone."""
     complete: bool = True
     """Whether every smaller set was shown to be feasible before the budget was spent."""
     relaxations: tuple[_Relaxation, ...] = ()
@@ -83,15 +105,16 @@ class Conflict:
         doubt = "" if self.complete else " (a smaller set was not excluded before the budget was spent)"
         views = ", of microlenses that image the pupil (microlens_in_focus = true lets f_ml follow)" * self.by_views
         clash = "these cannot hold together:" if len(self.smallest) > 1 else "nothing holds"
-        return f"within the bounds, {clash} {' and '.join(self.smallest)}{views}{doubt}"
+        told = zip(self.smallest, self.clashing, strict=True)
+        named = [f"{limit} (got {one.value_words})" for limit, one in told]
+        return f"within the bounds, {clash} {' and '.join(named)}{views}{doubt}"
 
     @property
     def missed(self) -> str:
         """Every limit that the least-violating point misses, with what it has there, in words; empty where none."""
-        units = [f" {one.unit}" if one.unit else "" for one in self.violations]
         got = [
-            f"{one.limit} {number(one.wanted)}{unit} (got {number(one.value)}{unit})"
-            for one, unit in zip(self.violations, units, strict=True)
+            f"{one.limit} {number(one.wanted)} {one.unit}".rstrip() + f" (got {one.value_words})"
+            for one in self.violations
         ]
         return f"The least-violating point misses {listed(got)}." if got else ""
 
@@ -100,6 +123,7 @@ class Conflict:
         return {
             "violations": self.violations,
             "cannot_hold_together": self.smallest,
+            "clashing": self.clashing,
             "smaller_sets_shown_feasible": self.complete,
             "reason": self.reason,
             "no_camera": self.always,
@@ -116,35 +140,36 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
 
     Where the budget is spent, some more is taken.
     """
-    pool = _Pool(problem, budget.at_least(*EXPLAINING), [*points, *sobol_units(problem.n, FRESH_POINTS, seed + 1)])
-    unit, rows = pool.relaxed(frozenset(range(len(problem.constraints))))
+    sided = problem.one_sided()
+    pool = _Pool(sided, budget, [*points, *sobol_units(problem.n, FRESH_POINTS, seed + 1)])
+    every = frozenset(range(len(sided.constraints)))
+    unit = pool.nearest(every)
+    rows = np.nan_to_num(sided.limits(unit[None])[:, 0], nan=BIG)
     violation = violation_of(rows)
     if violation <= FEASIBLE:
         lost = tuple(goal.label for goal in problem.goals if math.isnan(problem.number(goal, unit)))
         return Conflict(unit, 0.0, feasible_after_all=True, undefined=lost or tuple(g.label for g in problem.goals))
-    smallest, complete = _smallest(pool, len(problem.constraints))
-    clashing = sorted(smallest)
-    relaxations = [pool.alone(index, side) for index in clashing for side in problem.constraints[index].limits]
-    missed = {
-        constraint.limit_words(row.side): _Violation(
-            constraint.limit_words(row.side),
-            problem.number(constraint, unit),
-            constraint.limits[row.side],
-            constraint.quantity.unit,
-        )
-        for row, over in zip(problem.rows, rows, strict=True)
-        if over > FEASIBLE and row.constraint >= 0
-        for constraint in [problem.constraints[row.constraint]]
-    }
+    # At the point of least violation, limits that are held with room keep nothing from being held.
+    pressed = {row.constraint for row, over in zip(sided.rows, rows, strict=True) if over > -PRESSED} - {-1}
+    within = pressed if pool.possible(frozenset(pressed)) is False else every
+    smallest, complete = _smallest(pool, sorted(within))
+    clash = [sided.constraints[index] for index in sorted(smallest)]
+    there = pool.best(smallest)
+    clashing = tuple(_Violation.of(problem, constraint, there) for constraint in clash)
+    relaxations = [pool.alone(index) for index in sorted(smallest)]
+    over = {row.constraint for row, by in zip(sided.rows, rows, strict=True) if by > FEASIBLE}
+    missed = [_Violation.of(problem, constraint, unit) for k, constraint in enumerate(sided.constraints) if k in over]
     # What else is missed helps not at all alone: the smallest set goes without it.
-    others = [one for one in missed.values() if one.limit not in {way.label for way in relaxations}]
-    over = zip(problem.rows, rows, strict=True)
-    missing = dict.fromkeys(row.label for row, by in over if row.constraint < 0 and by > FEASIBLE)
+    others = [one for one in missed if one.limit not in {way.label for way in relaxations}]
+    missing = dict.fromkeys(
+        row.label for row, by in zip(sided.rows, rows, strict=True) if row.constraint < 0 and by > FEASIBLE
+    )
     return Conflict(
         unit=unit,
         violation=violation,
-        violations=tuple(missed.values()),
-        smallest=tuple(str(problem.constraints[index]) for index in clashing),
+        violations=tuple(missed),
+        smallest=tuple(map(str, clash)),
+        clashing=clashing,
         complete=complete,
         relaxations=(*relaxations, *(_Relaxation(one.limit, one.wanted, None, one.unit) for one in others)),
         bounds=tuple(
@@ -158,69 +183,83 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
 
 
 class _Pool:
-    """Points met so far, and which constraints each of them holds."""
+    """Points met so far, and how far each limit of a problem is missed at each of them."""
 
     def __init__(self, problem: DesignProblem, budget: SearchBudget, starts: Sequence[Array]) -> None:
-        self.problem, self.budget = problem, budget
-        self.starts = [np.clip(start, 0, 1) for start in starts]
-        self.held: list[frozenset[int]] = []
-        self.add(np.concatenate([np.stack(self.starts), sobol_units(problem.n, 2048, 5)]))
+        self.problem, self.cost = problem.without_goals(), DEAR if problem.summed else 1
+        evaluations, seconds = EXPLAINING
+        self.budget = budget.at_least(evaluations / self.cost, seconds)
+        self.owner = np.array([row.constraint for row in self.problem.rows])
+        self.units, self.over = np.empty((0, problem.n)), np.empty((1 + len(problem.constraints), 0))
+        self.add(np.concatenate([np.clip(np.stack(starts), 0, 1), sobol_units(problem.n, LOOKED_AT // self.cost, 5)]))
 
     def add(self, units: Array) -> None:
-        good = self.problem.without_goals().vector(units)[1:] <= FEASIBLE
-        owner = np.array([row.constraint for row in self.problem.rows])
-        each = np.stack([good[owner == index].all(axis=0) for index in range(-1, len(self.problem.constraints))])
-        for column in np.unique(each[:, each[0]], axis=1).T:
-            self.held.append(frozenset(np.flatnonzero(column[1:]).tolist()))
+        """Look at further points."""
+        rows = np.nan_to_num(self.problem.limits(units), nan=BIG, posinf=BIG, neginf=-BIG)
+        each = [rows[self.owner == k].max(axis=0, initial=-BIG) for k in range(-1, len(self.problem.constraints))]
+        self.units, self.over = np.concatenate([self.units, units]), np.concatenate([self.over, each], axis=1)
 
-    def relaxed(self, keep: frozenset[int]) -> tuple[Array, Array]:
-        """Least violation of some of the constraints; rows are those of the problem with only these."""
-        part = self.problem.without(keep).without_goals()
+    def missed(self, keep: frozenset[int]) -> Array:
+        """By how much each point misses some of the limits at most."""
+        return np.asarray(self.over[[0, *(k + 1 for k in sorted(keep))]].max(axis=0))
+
+    def best(self, keep: frozenset[int]) -> Array:
+        """The point met that misses some of the limits least."""
+        return np.asarray(self.units[self.missed(keep).argmin()])
+
+    def _starts(self, keep: frozenset[int]) -> list[Array]:
+        starts: list[Array] = []
+        for unit in self.units[np.argsort(self.missed(keep), kind="stable")]:
+            if all(np.abs(unit - other).max() > APART for other in starts):
+                starts.append(unit)
+            if len(starts) == STARTS:
+                break
+        return starts
+
+    def nearest(self, keep: frozenset[int]) -> Array:
+        """The point of least violation of some of the limits, as far as searches tell."""
+        part = self.problem.without(keep)
         guard = Guard(part.vector, self.budget)
-        weights = [10.0 if row.constraint < 0 else 1.0 for row in part.rows]
-        unit, rows = least_violation(guard, self.starts[: 2 * FRESH_POINTS], weights)
-        self.add(unit[None])
-        if guard.unit is not None:
-            self.add(guard.unit[None])
-            if guard.feasible:
-                unit, rows = guard.unit, part.vector(guard.unit[None])[1:, 0]
-        return unit, rows
+        unit, _ = least_violation(guard, self._starts(keep), [10.0 if row.constraint < 0 else 1.0 for row in part.rows])
+        self.add(np.stack([unit] if guard.unit is None else [unit, guard.unit]))
+        return self.best(keep) if guard.feasible else unit
 
-    def possible(self, keep: frozenset[int]) -> bool:
-        """Whether some constraints can hold together, as far as searches tell."""
-        if any(keep <= held for held in self.held):
-            return True
-        _, rows = self.relaxed(keep)
-        return violation_of(rows) <= FEASIBLE
+    def possible(self, keep: frozenset[int]) -> bool | None:
+        """Whether some limits can hold together, as far as searches tell; None where the budget ended one."""
+        if not (self.missed(keep) <= FEASIBLE).any():
+            self.nearest(keep)
+        held = bool((self.missed(keep) <= FEASIBLE).any())
+        return None if self.budget.ended and not held else held
 
-    def alone(self, index: int, side: Side) -> _Relaxation:
+    def alone(self, index: int) -> _Relaxation:
         """Relaxation of one limit, all others kept, that makes the problem feasible."""
         constraint = self.problem.constraints[index]
-        soft = np.array([row.constraint == index and row.side == side for row in self.problem.rows])
-        guard = Guard(self.problem.without_goals().vector, self.budget)
-        unit, rows = least_violation(guard, self.starts[: 2 * FRESH_POINTS], np.where(soft, 1.0, np.inf).tolist())
-        value = self.problem.number(constraint, unit)
-        helps = violation_of(rows[~soft]) <= 1e-7 and np.isfinite(value)
-        needed, unit_name = value if helps else None, constraint.quantity.unit
-        return _Relaxation(constraint.limit_words(side), constraint.limits[side], needed, unit_name)
+        others = frozenset(range(len(self.problem.constraints))) - {index}
+        guard, soft = Guard(self.problem.vector, self.budget), self.owner == index
+        unit, rows = least_violation(guard, self._starts(others), np.where(soft, 1.0, np.inf).tolist())
+        one = _Violation.of(self.problem, constraint, unit)
+        helps = violation_of(rows[~soft]) <= 1e-7 and np.isfinite(one.value)
+        return _Relaxation(one.limit, one.wanted, one.value if helps else None, one.unit)
 
 
-def _smallest(pool: _Pool, count: int) -> tuple[frozenset[int], bool]:
+def _smallest(pool: _Pool, among: Sequence[int]) -> tuple[frozenset[int], bool]:
     """By size: the first set that cannot hold. Points met on the way settle most sets without a search."""
-    for size in range(count + 1):
-        for keep in combinations(range(count), size):
-            if pool.budget.ended:
-                return _by_deletion(pool, count), False
-            if not pool.possible(frozenset(keep)):
+    for size in range(len(among) + 1):
+        for keep in combinations(among, size):
+            possible = pool.possible(frozenset(keep))
+            if possible is None:
+                return _by_deletion(pool, among), False
+            if not possible:
                 return frozenset(keep), True
-    return frozenset(range(count)), True
+    return frozenset(among), True
 
 
-def _by_deletion(pool: _Pool, count: int) -> frozenset[int]:
+def _by_deletion(pool: _Pool, among: Sequence[int]) -> frozenset[int]:
     """Where the budget is spent: leave out what the conflict does not need, one after the other."""
-    pool.budget = pool.budget.at_least(*(share / 2 for share in EXPLAINING))
-    keep = set(range(count))
-    for index in range(count):
-        if not pool.budget.ended and not pool.possible(frozenset(keep - {index})):
-            keep.discard(index)
-    return frozenset(keep)
+    evaluations, seconds = EXPLAINING
+    pool.budget = pool.budget.at_least(evaluations / pool.cost / 2, seconds / 2)
+    keep = frozenset(among)
+    for index in among:
+        if pool.possible(keep - {index}) is False:
+            keep -= {index}
+    return keep

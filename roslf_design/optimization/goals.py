@@ -69,6 +69,11 @@ class _Asked(StrictTable):
         name = self.quantity.name if at is None else f"{self.quantity.name} at {at}"
         return name if self.temperature is None else f"{name} at {self.temperature:g} degC"
 
+    @property
+    def asked(self) -> tuple[object, ...]:
+        """Quantity and place: two of which these are the same have the same values."""
+        return self.quantity.name, self.at, self.field, self.temperature
+
     def warm(self, camera: Camera) -> Camera:
         """The camera at the temperature asked for."""
         return camera if self.temperature is None else camera.replace({TEMPERATURE: self.temperature})
@@ -150,9 +155,22 @@ class Constraint(_Asked):
         given: dict[Side, float | None] = {"min": self.min, "max": self.max}
         return {side: limit for side, limit in given.items() if limit is not None}
 
+    @property
+    def one_sided(self) -> tuple[Constraint, ...]:
+        """Each of its limits alone."""
+        if len(self.limits) == 1:
+            return (self,)
+        return self.model_copy(update={"max": None}), self.model_copy(update={"min": None})
+
     def limit_words(self, side: Side) -> str:
         """A limit in words, without its number, e.g. ``fill_factor <=``."""
         return f"{self.label} {SIGNS[side]}"
+
+    @property
+    def as_judged(self) -> bool:
+        """Whether `measured` is `judged`."""
+        one = self.quantity.worst is None or self.field is not None
+        return one and self.quantity.name not in ("fill_factor", UNDISTORTED)
 
     def measured(self, camera: Camera, traces: FieldTraces | None = None) -> Array:
         """Values that the rows are made of: the quantity, one for each rim, or a finite stand-in.
@@ -164,8 +182,7 @@ class Constraint(_Asked):
             return np.abs(inverse_fill_factor(self.warm(camera)) if whole else 1 / self.values(camera, traces))
         if self.quantity.name == UNDISTORTED:
             return field_margins(self.warm(camera))
-        alone = self.quantity.worst is None or self.field is not None
-        return self.judged(camera, traces) if alone else self.each(camera)
+        return self.judged(camera, traces) if self.as_judged else self.each(camera)
 
     def row(self, limit: float, sign: float, spread: float) -> tuple[Callable[[Array], Array], float]:
         """From what is measured to a row, and how much the quantity changes where that changes by 1."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from operator import itemgetter
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from ..design import PATHS, Design
 from ..lenses.glass import Glass
 from ..theory.focused import LEAST_VIEWS, LIMIT, filtered_views, pupil_blur_ratio
 from ..theory.light import sensor_field
+from ..theory.quantity import Quantity
 from ..theory.tube import OUTER, housed
 from ..tolerancing.draws import sobol_points
 from .goals import SIGNS, UNDISTORTED, Constraint, Goal, Side
@@ -100,6 +102,8 @@ class DesignProblem:
     """Values in place of the base design's: a bore (its tip among it), parts of the catalogue."""
     cut: bool = False
     """Whether the array, as large as its stock, is cut to what the sensor sees of it and `CUT_MARGIN` on each side."""
+    thin: bool = False
+    """Whether closed forms of the thin-lens model stand for rays through a real lens."""
     scales: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     """Units of the differences of constraints and of goals; None: their spread over the box."""
 
@@ -127,7 +131,7 @@ class DesignProblem:
     @property
     def traced(self) -> bool:
         """Whether a goal or limit is told from rays through a real lens."""
-        return bool(self.main_lens.traced(self._fields))
+        return not self.thin and bool(self.main_lens.traced(self._fields))
 
     @property
     def finest(self) -> float:
@@ -137,8 +141,10 @@ class DesignProblem:
     @property
     def summed(self) -> bool:
         """Whether a goal or limit takes milliseconds: depth errors predicted from light and texture, traced rays."""
-        numeric = [part.quantity for part in (*self.goals, *self.constraints) if part.quantity.numeric]
-        return self.traced or any(quantity.monotone_with not in self.base.numbers for quantity in numeric)
+        return self.traced or any(self._summed(part.quantity) for part in (*self.goals, *self.constraints))
+
+    def _summed(self, quantity: Quantity) -> bool:
+        return quantity.numeric and quantity.monotone_with not in self.base.numbers
 
     def _values(self, units: Array) -> dict[str, Array]:
         """Variables by their places."""
@@ -207,7 +213,7 @@ class DesignProblem:
 
     def traces(self, cameras: Camera, lens: VariedLens | None = None) -> FieldTraces | None:
         """Traces at the fields of cameras behind a real lens; None where no field is asked for."""
-        return self.main_lens.traces(self._fields, cameras, lens)
+        return None if self.thin else self.main_lens.traces(self._fields, cameras, lens)
 
     def number(self, part: Constraint | Goal, unit: Array) -> float:
         """Value of a constraint's or goal's quantity at one point."""
@@ -348,8 +354,9 @@ class DesignProblem:
             cameras, lens = self.cameras(units), self.varied_lens(units)
             result = np.empty((1 + len(self.rows), len(units)))
             traces = self.traces(cameras, lens)
-            result[0] = self.merit(cameras, traces)
-            result[1:] = self.rows_of(cameras, len(units), traces, lens)
+            known: dict[object, Array] = {}
+            result[1:] = self.rows_of(cameras, len(units), traces, lens, known)
+            result[0] = self.merit(cameras, traces, known)
         return result
 
     def limits(self, units: Array) -> Array:
@@ -359,22 +366,35 @@ class DesignProblem:
             return self.rows_of(cameras, len(units), self.traces(cameras, lens), lens)
 
     def rows_of(
-        self, cameras: Camera, count: int, traces: FieldTraces | None = None, lens: VariedLens | None = None
+        self,
+        cameras: Camera,
+        count: int,
+        traces: FieldTraces | None = None,
+        lens: VariedLens | None = None,
+        known: dict[object, Array] | None = None,
     ) -> Array:
-        """Rows of so many cameras, these or builds of a design behind an ideal lens; shape (rows, N)."""
+        """Rows of so many cameras, these or builds of a design behind an ideal lens; shape (rows, N).
+
+        `known` is told the values by which a goal on the same is judged, too.
+        """
         result = np.empty((len(self.rows), count))
         with np.errstate(all="ignore"):
             values = [constraint.measured(cameras, traces) for constraint in self.constraints]
-            measured = [*values, _PosedBuilds(cameras, lens)]
+            if known is not None:
+                measured = zip(self.constraints, values, strict=True)
+                known |= {limit.asked: value for limit, value in measured if limit.as_judged}
+            every = [*values, _PosedBuilds(cameras, lens)]
             for number, row in enumerate(self.rows):
-                result[number] = row.of(measured[row.constraint])
+                result[number] = row.of(every[row.constraint])
         return result
 
-    def merit(self, cameras: Camera, traces: FieldTraces | None = None) -> Array:
+    def merit(
+        self, cameras: Camera, traces: FieldTraces | None = None, known: Mapping[object, Array] = MappingProxyType({})
+    ) -> Array:
         """Weighted mean of the goals, small is good, 0 without goals; shape (N,)."""
         total: Array = np.zeros(())
         for goal, scale in zip(self.goals, self._spreads[1], strict=True):
-            value = goal.judged(cameras, traces)
+            value = known[goal.asked] if goal.asked in known else goal.judged(cameras, traces)
             if goal in self._bent:
                 value = np.minimum(value, 0.0)  # infinite is infinite, however far beyond
             counted = goal.sign * (np.log(value) if goal.quantity.positive else value / scale)
@@ -422,6 +442,20 @@ class DesignProblem:
         """Problem with only some of its constraints."""
         scales = self.scales and (tuple(s for i, s in enumerate(self.scales[0]) if i in keep), self.scales[1])
         return replace(self, constraints=tuple(c for i, c in enumerate(self.constraints) if i in keep), scales=scales)
+
+    def untraced(self, *, summed: bool = True) -> DesignProblem:
+        """Problem with those of its limits alone that take no rays; those that take milliseconds among them or not."""
+        closed = (k for k, limit in enumerate(self.constraints) if limit.field is None)
+        return self.without(frozenset(k for k in closed if summed or not self._summed(self.constraints[k].quantity)))
+
+    def one_sided(self) -> DesignProblem:
+        """Problem with each limit a constraint of its own."""
+        sides = [one.one_sided for one in self.constraints]
+        scales = self.scales and (
+            tuple(scale for scale, each in zip(self.scales[0], sides, strict=True) for _ in each),
+            self.scales[1],
+        )
+        return replace(self, constraints=tuple(one for each in sides for one in each), scales=scales)
 
     def without_goals(self) -> DesignProblem:
         """Problem with its limits and no goals."""

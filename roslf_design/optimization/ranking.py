@@ -7,7 +7,8 @@ for all combinations at once; what remains is split, and the most promising comb
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from .bounds import CORNERS, SLICES, Boxes, Refused, refused
 from .combinations import Combinations
 from .conflict import Conflict, explain
 from .problem import DesignProblem, promising_starts, sobol_units
-from .search import QUICK, Search, SearchBudget
+from .search import BIG, QUICK, Search, SearchBudget, violation_of
 from .solve import searched
 from .traces import Retrace
 from .variables import lengths_and_numbers
@@ -30,6 +31,10 @@ AT_ONCE = 10
 MOST_BOXES = 200_000
 """Beyond, splitting stops and the rest is optimised in the order of bounds."""
 ROUNDS = 16
+LOOKED_AT = 64
+"""Points of a combination's bounds of which the best begins a search that takes no rays."""
+TRIED_IN_VAIN = 2
+"""Starts of traced searches after which a combination of which none holds the limits is left."""
 TIES = 1e-3
 """Merit within which quick searches do not decide: such combinations are searched again, thoroughly, in the end."""
 
@@ -163,24 +168,60 @@ class _Ranker:
             self.reasons[number] = "no camera within the bounds"
             return
         begin = [(low + high) / 2, low + self.middle * (high - low)]
-        results: list[Search] = []
-        for start in promising_starts(problem, begin, self.starts if problem.traced else 2, self.seed):
-            if problem.summed and not problem.traced:  # most combinations hold no limits, which takes no goal to tell
-                results.append(searched(problem.without_goals(), start, self.budget, 80, QUICK))
-                if not results[-1].feasible:
-                    continue
-                start = results.pop().unit
-            results.append(searched(problem, start, self.budget, 80, max(QUICK, problem.finest)))
-            if results[-1].feasible and not problem.traced:
-                break
+        results, asked = self._traced(problem, begin) if problem.traced else (self._closed(problem, begin), problem)
         self.done[number] = True
         designs = [result for result in results if result.feasible]
         if designs:
             ranked = Ranked(number, min(designs, key=lambda result: result.merit))
             self.best = sorted([*self.best, ranked], key=_order)[: 3 * self.keep]
         least = Ranked(number, min(results, key=lambda result: result.violation))
-        self.reasons[number] = "holds every limit, others are better" if designs else _missed(problem, least.search)
+        self.reasons[number] = "holds every limit, others are better" if designs else _missed(asked, least.search)
         self.nearest = min(self.nearest or least, least, key=lambda one: one.search.violation)
+
+    def _closed(self, problem: DesignProblem, begin: Sequence[Array]) -> list[Search]:
+        """Searches from one start after the other, until one ends at a design."""
+        results: list[Search] = []
+        for start in begin:
+            if problem.summed:  # most combinations hold no limits, which takes no goal to tell
+                results.append(self._searched(problem.without_goals(), start))
+                if not results[-1].feasible:
+                    continue
+                start = results.pop().unit
+            results.append(self._searched(problem, start))
+            if results[-1].feasible:
+                break
+        return results
+
+    def _traced(self, problem: DesignProblem, begin: list[Array]) -> tuple[list[Search], DesignProblem]:
+        """Searches behind a real lens: of what closed forms tell, which take no rays, then of the thin-lens model.
+
+        Rays are traced from its optimum on, and from other starts where that holds the limits. Beside them the problem
+        with those limits that were looked at.
+        """
+        start = begin[0]
+        for asked in (problem.untraced(summed=False), problem.untraced()):
+            near = self._nearest(asked.without_goals(), start)
+            if not near.feasible:
+                rows = problem.limits(near.unit[None])[:, 0]
+                return [replace(near, violation=violation_of(np.nan_to_num(rows, nan=BIG)))], asked
+            start = near.unit
+        thin = self._searched(replace(problem, thin=True), start)
+        results: list[Search] = []
+        for first in promising_starts(problem, [thin.unit, start, *begin], self.starts, self.seed):
+            held = self._searched(problem.without_goals(), first)
+            results.append(self._searched(problem, held.unit) if held.feasible else held)
+            if len(results) == TRIED_IN_VAIN and not any(result.feasible for result in results):
+                break
+        return results, problem
+
+    def _nearest(self, problem: DesignProblem, start: Array) -> Search:
+        """The point nearest to holding limits without rays, from the best of many."""
+        units = np.concatenate([start[None], sobol_units(problem.n, LOOKED_AT, self.seed)])
+        over = np.nan_to_num(problem.limits(units), nan=BIG).max(axis=0, initial=-BIG)
+        return self._searched(problem, units[over.argmin()])
+
+    def _searched(self, problem: DesignProblem, start: Array) -> Search:
+        return searched(problem, start, self.budget, 80, max(QUICK, problem.finest))
 
     def optimise_promising(self, tell: CountedProgress) -> None:
         """Optimise some combinations, from the middle of their best boxes.

@@ -30,6 +30,10 @@ BIG = 1e6
 XTOL, FTOL = 1e-11, 1e-14
 QUICK = 1e-8
 """Relative change of the merit at which an unpolished search ends."""
+COARSE = 1e-4
+"""Change of the violation at which a search for the least ends, where so much more of it is left that none holds."""
+FAR = 100.0
+"""Violations farther from 0 than so many of those changes are."""
 GLOBAL_FTOL = 1e-9
 AGREED = 1e-2
 """Spread of the merit over CRS2's population at which it has found its valley: a polish follows it to the bottom."""
@@ -385,9 +389,11 @@ def least_violation(
     for start in starts:
         inner = Guard(relaxed, guard.budget)
         over = np.maximum(guard.rows(_inside(start))[0][1:], 0.0)
-        slsqp(inner, np.concatenate([start, over[soft] * 1.01 / LARGEST_SLACK]), evaluations)
+        slsqp(inner, np.concatenate([start, over[soft] * 1.01 / LARGEST_SLACK]), evaluations, COARSE)
         if inner.unit is None:
             continue
+        if not soft.all() or inner.merit < FAR * COARSE:  # else nothing near it holds
+            slsqp(inner, inner.unit, evaluations)
         unit = inner.unit[:n]
         rows = guard.rows(unit)[0][1:]
         over = np.maximum(rows, 0.0)

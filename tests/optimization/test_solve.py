@@ -3,6 +3,7 @@
 import sys
 import time
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -274,3 +275,43 @@ def test_depth_at_a_field_is_a_goal_like_others():
     assert walk.min() - 0.02 < best.merit <= walk.min() + 1e-4  # a step of the walk is 5 mm
     evaluated = roslf.evaluate(problem.design_at(best.unit), [6.0]).fields[0].sigma_z_mm
     assert evaluated == pytest.approx(problem.number(wanted, best.unit), rel=1e-9)
+
+
+BOX = {"d_3": (5.0, 200.0), "D_F": (1.0, 8.0)}
+QUANTITIES = ("fill_factor", "sigma_z_mm", "field_half_diagonal_mm", "views_independent", "non_distortion_room_mm")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_limits_that_clash_are_a_smallest_set_by_brute_force(seed):
+    """Every set of one-sided limits at every point of a fine grid; each limit with what there is of it."""
+    random = np.random.default_rng(seed)
+    axis = np.linspace(0.0, 1.0, 301)
+    grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    free = posed(BOX, [], goal("fill_factor", "max"))
+    cameras = free.cameras(grid)
+    ok = (free.limits(grid) <= 0).all(axis=0)
+    values = {name: np.broadcast_to(roslf.quantity(name)(cameras), len(grid)) for name in QUANTITIES}
+    while True:
+        limits = []
+        for name in QUANTITIES:
+            low, high = np.quantile(values[name][ok], np.sort(random.uniform(0.0, 1.0, 2))).tolist()
+            kind = random.integers(3)
+            limits.append(limit(name, low if kind else None, high if kind != 1 else None))
+        sides = [side for one in limits for side in one.one_sided]
+        held = [ok & one.quantity.within(one.min, one.max, values[one.quantity.name]) for one in sides]
+        if not np.all(held, axis=0).any():
+            break
+    conflict = solve(posed(BOX, limits, goal("fill_factor", "max")), Settings(starts=2, check=False)).conflict
+    sizes = (
+        [keep for keep in combinations(range(len(sides)), size) if not np.all([held[k] for k in keep], axis=0).any()]
+        for size in range(1, len(sides) + 1)
+    )
+    assert conflict.complete
+    assert conflict.smallest in [tuple(str(sides[k]) for k in keep) for keep in next(filter(None, sizes))]
+    asked = {str(side): side for side in sides}
+    named = [asked[words] for words in conflict.smallest]
+    ends = [end for one in named for end in one.limits.values()]
+    assert [got.wanted for got in conflict.clashing] == ends
+    got = zip(named, conflict.clashing, strict=True)
+    assert not all(one.quantity.within(one.min, one.max, there.value) for one, there in got)
+    assert all(f"(got {one.value_words})" in conflict.reason for one in conflict.clashing)
