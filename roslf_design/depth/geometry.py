@@ -23,7 +23,7 @@ from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from ..theory.focused import refuse_focused
 from ..theory.length_covariance import LengthCovariance
 from ..theory.light_field import depth_sigma, epi_slope, rim_disparity
-from .estimate import DisparityMap
+from .estimate import DisparityMap, DisparityStatus
 from .phases import PhasedViews
 from .traced_views import TracedViews
 from .unmixing import PreparedViews, ViewLight, places_on_array, returned
@@ -260,14 +260,16 @@ class _ArrayViewing:
         return PreparedViews(self.light.without_crosstalk(field), *self._looks)
 
     def at_phase(self, views: PreparedViews, found: DisparityMap) -> PreparedViews | None:
-        """By the phases of each view's light, and of what is left of its neighbours'."""
-        known = found.measured
-        if not known.any():
+        """By the phases of each view's light, and of what is left of its neighbours'.
+
+        Views that these put far apart disagree in bright light: what they have there counts as well.
+        """
+        told, start = found.measured | (found.status == DisparityStatus.INCONSISTENT), found.begun
+        if start is None or not told.any():
             return None
-        filled = np.where(known, found.disparity, np.median(found.disparity[known]))
-        least = NEGLIGIBLE * float(np.median(found.sigma[known]))
-        smooth = ndimage.median_filter(filled, SMOOTHED)
-        return self._phased.in_phase(views, smooth, least)
+        filled = np.where(told, start.disparity, np.median(start.disparity[told]))
+        least = NEGLIGIBLE * found.error if found.measured.any() else 0.0
+        return self._phased.in_phase(views, ndimage.median_filter(filled, SMOOTHED), least)
 
     def with_shared(
         self, field: LightField, views: PreparedViews, disparity: Array, picture: Array

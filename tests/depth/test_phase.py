@@ -1,6 +1,7 @@
 """Places that views see fine texture from: against brute force, limits, and depth away from the focal plane."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -112,6 +113,21 @@ def test_disparities_far_from_the_focal_plane_are_those_of_the_texture(disparity
     # A third of what light alone makes of each; those near the border look past it.
     assert abs(after.mean()) < told.mean() / 3
     assert after.std() < told.mean()
+
+
+def test_views_that_disagree_in_bright_light_are_put_in_phase():
+    """Five pitches out of focus: by mean places all microlenses of such a wall were at odds, and left so."""
+    disparity, noise = 5.1, PixelNoise(100_000.0, 2.5)
+    design = roslf.load("paper")
+    field = pictured(Camera.of(design), Texture.of(3, 0.2, finest=0.4), disparity, size=14)
+    viewing, estimate = geometry.ArrayGeometry(design).viewing(field), partial(estimate_disparity, noise=noise)
+    views, search = viewing.prepared(field), (disparity - 0.7, disparity + 0.7)
+    before = estimate(views.field, views.pupil, search=search, aside=views.aside)
+    assert before.measured.mean() < 0.05
+    views = viewing.at_phase(views, before)
+    inner = estimate(views.field, views.pupil, search=search, aside=views.aside).within(np.s_[4:-4], np.s_[4:-4])
+    assert inner.measured.all()
+    assert abs(inner.disparity.mean() - disparity) < inner.error
 
 
 def test_cut_images_are_seen_from_their_phases_too():
