@@ -45,6 +45,7 @@ from .disparity_information import (
     Seen,
     Spectrum,
     Texture,
+    normal_share,
     overlapping,
     rows_of,
     shape_of_builds,
@@ -214,12 +215,10 @@ def share_saturated(c: Camera) -> float:
     alone = not overlapping(float(fill_factor(c)), rise, images.openings.first_is_disc) > FULL
     if alone and lit + FULL_SIGMAS * float(spread(lit)) < room:
         return 0.0
-    from scipy.special import ndtr
-
     places = (np.arange(CELL_PLACES) + 0.5) / CELL_PLACES
     x, y = places, np.concatenate([places, 1 + places]) * rise  # rows of hexagonal arrays alternate
     charge = lit * light_read(images, x, y, AS_IT_IS).sum(0)
-    return float(ndtr((charge - room) / spread(charge)).mean())
+    return float(normal_share((charge - room) / spread(charge)).mean())
 
 
 def disparity_sigmas(images: MicrolensImages, plane: Seen, besides: tuple[Beside, ...] = (NOTHING,)) -> Array:

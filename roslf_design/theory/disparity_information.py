@@ -37,6 +37,8 @@ TABLED, MIDPOINTS, FARTHEST = 128, 16, 255.0
 beyond which SciPy's are asked, as tables would fill the memory."""
 FULL, FULL_SIGMAS = 5e-3, 2.576
 """Share of pixels that is let be full, and beyond how many standard deviations it lies."""
+FEW = 500_000
+"""Values whose shares of a normal distribution are told without SciPy."""
 VALUES, CACHED = 2**15, 2**14
 """Values of waves' images at a time: as many as stay at hand of the processor."""
 
@@ -166,9 +168,7 @@ class ImageRows(NamedTuple):
 
     def unfilled(self, light: Array) -> Array:
         """Share of them that hold no more than the full well, likewise."""
-        from scipy.special import ndtr
-
-        return np.asarray(ndtr((self.room[..., None] - light) / np.maximum(self._spread(light), 1e-150)))
+        return normal_share((self.room[..., None] - light) / np.maximum(self._spread(light), 1e-150))
 
     def _spread(self, light: Array) -> Array:
         """Scatter of the light by noise and by the texture's contrast, likewise."""
@@ -178,6 +178,15 @@ class ImageRows(NamedTuple):
     def finest(self) -> Array:
         """Periods in a pitch of the finest detail that diffraction passes."""
         return self.pitch * self.width / (self.wavelength * self.distance)
+
+
+def normal_share(z: Array) -> Array:
+    """Share of a normal distribution below so many standard deviations."""
+    if z.size > FEW:
+        from scipy.special import ndtr  # its import takes as long as so many by the standard library
+
+        return np.asarray(ndtr(z))
+    return np.reshape([0.5 * math.erfc(-x) for x in np.ravel(z / math.sqrt(2.0)).tolist()], z.shape)
 
 
 def overlapping(wide: Array | float, rise: float, is_disc: bool) -> Array:
