@@ -23,6 +23,7 @@ from roslf_design.theory.length_covariance import LengthCovariance
 from tests.bench.made import BOARD, CELL, RAYS, SAMPLING, board_scene
 from tests.bench.made import POSES as FOUR_POSES
 from tests.bench.made import small as small_camera
+from tests.depth.made import at_first_sight
 from tests.docs.described import undescribed
 from tests.reporting.made import few_builds, few_waves
 
@@ -538,6 +539,7 @@ def test_sensor_and_pupil_are_measured_and_used(capsys, captured, small, tmp_pat
     assert "read noise 6" in words or "read noise 5.9" in words
     assert "at least" in words
     frames = [tmp_path / "in" / name for name in ("board1_1.tif", "white_1.tif", "dark_1.npy")]
+    at_first_sight(monkeypatch)
     between = f"{small.d_f - 16} mm, {small.d_f - 8} mm"
     code, said, err = run(
         capsys, "depth", frames[0], "--white", frames[1], "--dark", frames[2], "--calibration", out, "--json",

@@ -11,8 +11,8 @@ from roslf_design.calibration.frames import read_image
 from roslf_design.cli import main
 from roslf_design.design import load, save
 from roslf_design.imaging.render import render
-from roslf_design.imaging.trace import RaySampling
 from roslf_design.scenes import make_scene
+from tests.bench.made import SAMPLING
 
 CELL = 1.7
 RAYS = ["-microlens_diffraction", "-fap_diffraction", "-microlens_defocus", "+object_defocus"]
@@ -53,8 +53,7 @@ def captured(tmp_path_factory):
         counts = rng.poisson(np.maximum(pixels, 0) * LIGHT) + darkness
         tifffile.imwrite(folder / name, np.rint(counts).astype(np.uint16))
 
-    sampling = RaySampling(least=16, most=64, tolerance=0.03)
-    expose(render(camera, overrides=[o for o in RAYS if "object" not in o], sampling=sampling).pixels, "white.tif")
+    expose(render(camera, overrides=[o for o in RAYS if "object" not in o], sampling=SAMPLING).pixels, "white.tif")
     expose(np.zeros((560, 640)), "dark.tif")
     for number, (away, about_x, about_y) in enumerate(POSES, 1):
         plane = {
@@ -65,7 +64,7 @@ def captured(tmp_path_factory):
             "texture": {"kind": "image", "file": str(place / "board.png"), "width": 9 * CELL},
         }
         scene = make_scene({"name": "board", "objects": [plane], "background": 0.3})
-        expose(render(camera, scene, overrides=RAYS, sampling=sampling).pixels, f"board{number}.tif")
+        expose(render(camera, scene, overrides=RAYS, sampling=SAMPLING).pixels, f"board{number}.tif")
     return place, camera
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from roslf_design.calibration.decoding import LightField
-from roslf_design.depth import pictures
+from roslf_design.depth import geometry, measure, pictures
 from roslf_design.imaging import transfer
 
 
@@ -22,6 +22,12 @@ def fewer_rays(patch):
     patch.setattr(transfer, "LEAST_PITCHES", 0)
     patch.setattr(pictures, "RAYS", pictures.RAYS // 4)
     patch.setattr(pictures, "LEAST_RAYS", pictures.LEAST_RAYS // 4)
+
+
+def at_first_sight(patch):
+    """Depths of pictures as they are first seen, before phases and neighbours' light: where nobody looks at them."""
+    patch.setattr(geometry._ArrayViewing, "at_phase", lambda *_: None)
+    patch.setattr(measure, "with_shared_light", lambda *given: given[4:6])
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from roslf_design.scenes import make_scene
 from roslf_design.scenes.scene import chief_ray_limits
 from roslf_design.theory.photometry import exposure
 from roslf_design.traced.camera import camera_of, microlenses, sensor_of_pupil
-from tests.depth.made import Texture, exposed, fewer_rays, sharp
+from tests.depth.made import Texture, at_first_sight, exposed, fewer_rays, sharp
 
 ACROSS, SIZE, ELECTRONS, READ = 7, (56, 56), 4000.0, 10.0
 SEARCH = (-1.0, 3.0)
@@ -239,6 +239,7 @@ def test_texture_is_finer_to_the_side_of_a_real_lens(monkeypatch):
     # No more microlenses than are looked at: where the light of each falls is traced beforehand.
     design = roslf.load("paper-singlet").replace({"microlens_array.size": (23.0, 2.0)})
     fewer_rays(monkeypatch)
+    at_first_sight(monkeypatch)
     texture = {"kind": "noise", "finest": 2.1 * float(roslf.quantity("object_sample_mm")(Camera.of(design.thin_twin)))}
     scene = make_scene({"objects": [{"kind": "plane", "distance": design.d_f, "texture": texture}]})
     width, height = Camera.of(design.thin_twin).pixels
@@ -250,6 +251,7 @@ def test_texture_too_fine_is_called_aliasing(monkeypatch):
     design, part = roslf.load("paper"), PictureOptions(region=(2240, 1480, 110, 110))
     step = float(roslf.quantity("object_sample_mm")(Camera.of(design)))
     fewer_rays(monkeypatch)
+    at_first_sight(monkeypatch)
     for periods, share in ((1.8, 1.0), (2.2, 0.0)):
         texture = {"kind": "noise", "finest": periods * step, "contrast": 0.2, "seed": 1}
         scene = make_scene({"objects": [{"kind": "plane", "distance": design.d_f, "texture": texture}]})

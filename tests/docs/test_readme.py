@@ -20,11 +20,12 @@ from pages import blocks, run, thin_out
 from roslf_design.cli import COMMANDS
 from roslf_design.optimization import robust
 from studies.accuracy import hard_rows
+from tests.depth.made import at_first_sight
 from tests.reporting.made import few_waves
 
 SERVES = ("explore",)
 """Commands that run until they are stopped; README may leave them out."""
-STUDIES = ("study.toml", "optimize.toml", "tolerance.toml")
+STUDIES = ("study.toml", "optimize.toml", "tolerance.toml", "story.toml")
 THINNER = (
     (r"(?m)^trials = .*$", "trials = 200"),
     (r"(?m)^sobol_samples = .*$", "sobol_samples = 0"),
@@ -35,7 +36,11 @@ THINNER = (
     (r"(?ms)^\[\[compensators\]\].*?(?=^\[|\Z)", ""),  # each build is searched for its best: so is it there
     (r'(?m)^(goals = \["\w+", "\w+"), .*$', r"\1]"),
     (r"focal_length<=20 mm", "focal_length<=9 mm"),  # one lens, either way round
-    (r'(?m)^(kinds = \["microlens_arrays", "sensors"\])$', r'\1\nwhere.sensors = ["pixel>=3.3 um"]'),
+    (
+        r'(?m)^(kinds = \["microlens_arrays", "sensors"\])$',
+        r'\1\nwhere.sensors = ["pixel>=3.3 um"]\nwhere.microlens_arrays = ["pitch<=65 um"]',
+    ),
+    (r'(?m)^take = "parts-\d+"', 'take = "parts-01"'),
     (r"(?m)^\[solver\]\nstarts = .*\n\n", ""),
     (r"(?m)^\[variables\]", "[solver]\nstarts = 2\nevaluations = 100\ncheck = false\n\n[variables]"),
 )
@@ -64,6 +69,7 @@ def project(root, tmp_path, monkeypatch, near_light, few_rays, blank_pngs, found
     monkeypatch.setenv("COLUMNS", "120")
     thin_out(monkeypatch)
     few_waves(monkeypatch)
+    at_first_sight(monkeypatch)
     monkeypatch.setattr(robust, "SHARP", robust.SHARP[:1])
     few = [case for case in hard_rows.all_cases() if case.name in ("d_1 → f", "discs near tangency")]
     monkeypatch.setattr(hard_rows, "all_cases", lambda: few)

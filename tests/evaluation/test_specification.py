@@ -17,6 +17,7 @@ from roslf_design.theory.object_space import ObjectSpaceFaces
 from roslf_design.theory.photometry import response
 from roslf_design.theory.stop_images import MicrolensImages
 from tests.commands.test_cli import run
+from tests.reporting.made import views_as_refocused
 
 PAPER = roslf.load("paper")
 SMALL = {
@@ -98,7 +99,10 @@ class Traced:
 
 @pytest.fixture(scope="module")
 def sheets():
-    return [(design, Traced(design), specification(design)) for design in cameras(40)]
+    """Cameras, their exact rays and their lines; what single views resolve is not looked at, and most of the work."""
+    with pytest.MonkeyPatch.context() as patch:
+        views_as_refocused(patch)
+        return [(design, Traced(design), specification(design)) for design in cameras(40)]
 
 
 def unit(slope):

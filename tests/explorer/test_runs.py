@@ -26,6 +26,7 @@ from roslf_design.explorer.state import BY_SYMBOL, State, read
 from roslf_design.explorer.tolerance_run import run_tolerance
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.study import tolerance_plan
+from tests.depth.made import at_first_sight
 
 PAPER = load("paper")
 IMAGE_PITCH = 0.0627261
@@ -162,6 +163,7 @@ def test_what_the_measuring_form_cannot_ask_is_told(options, message):
 def test_depth_is_measured_about_the_microlens_that_is_looked_at(monkeypatch):
     """At the corner the square is moved until it lies on the sensor."""
     monkeypatch.setattr(measure_run, "ACROSS", 5)
+    at_first_sight(monkeypatch)
     corner = (11.0, 7.3)  # of a sensor of 11.15 x 7.47 mm
     request = read_form(MeasureRequest, PAPER, {"place": list(map(str, corner)), "exposures": ["1"]})
     shares = []
