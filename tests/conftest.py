@@ -30,6 +30,7 @@ from roslf_design.bench import reference  # noqa: E402
 from roslf_design.calibration import corners, outcome, raw  # noqa: E402
 from roslf_design.calibration.white_profile import ImageFit  # noqa: E402
 from roslf_design.commands import terminal  # noqa: E402
+from roslf_design.depth import measure  # noqa: E402
 from roslf_design.drawing.picture import Picture  # noqa: E402
 from roslf_design.imaging import transfer  # noqa: E402
 from tests.depth.made import fewer_rays  # noqa: E402
@@ -106,6 +107,12 @@ def blank_pngs(monkeypatch):
 def few_rays(monkeypatch):
     """As `fewer_rays` says."""
     fewer_rays(monkeypatch)
+
+
+@pytest.fixture
+def unpredicted(monkeypatch):
+    """What a texture allows is predicted at one microlens of simulated depth, not at 64: where nobody looks at it."""
+    monkeypatch.setattr(measure, "PREDICTED", 1)
 
 
 @pytest.fixture(scope="module")

@@ -28,6 +28,7 @@ def at_first_sight(patch):
     """Depths of pictures as they are first seen, before phases and neighbours' light: where nobody looks at them."""
     patch.setattr(geometry._ArrayViewing, "at_phase", lambda *_: None)
     patch.setattr(measure, "with_shared_light", lambda *given: given[4:6])
+    patch.setattr(measure, "PREDICTED", 1)
 
 
 @dataclass(frozen=True)

@@ -161,6 +161,7 @@ def test_an_objective_with_a_mapping_is_refused(tmp_path, capsys):
     assert not out.exists()
 
 
+@pytest.mark.usefixtures("unpredicted")
 def test_a_regions_border_is_as_good_as_its_inside():
     """A margin brings its neighbours' light and windows; hexagonal arrays would tell nothing of most of it without."""
     design = roslf.load("paper").replace({"microlens_array.layout": "hexagonal"})
@@ -172,6 +173,7 @@ def test_a_regions_border_is_as_good_as_its_inside():
     assert np.median(border) < 1.25 * np.median(inner)
 
 
+@pytest.mark.usefixtures("unpredicted")
 def test_microlenses_out_of_focus_on_the_fap_put_nothing_into_depths():
     """5 % of the rigid scope: 0.87 mm if views were taken to look through the microlenses' middles."""
     design = roslf.load("rigid-scope")
@@ -182,7 +184,7 @@ def test_microlenses_out_of_focus_on_the_fap_put_nothing_into_depths():
     assert abs(summary.bias_mm) < summary.told_mm < 0.3
 
 
-@pytest.mark.usefixtures("light_from_48_px")
+@pytest.mark.usefixtures("light_from_48_px", "unpredicted")
 def test_a_strip_from_the_dark_to_whole_images_is_right_all_along():
     """The light's edge cuts images to nothing within 30 microlenses; errors told hold on both sides."""
     cut = roslf.load("paper").replace({"main_lens.diameter": 24.0})
@@ -198,7 +200,7 @@ def test_a_strip_from_the_dark_to_whole_images_is_right_all_along():
         assert np.abs(scores[some]).max() < 6
 
 
-@pytest.mark.usefixtures("near_light")
+@pytest.mark.usefixtures("near_light", "unpredicted")
 def test_a_hexagonal_array_whose_images_overlap_has_the_noise_that_is_told():
     """Where two images overlap the white image is twice as bright as elsewhere."""
     wide = {"microlens_array.layout": "hexagonal", "aperture.diameter": 1.3 * roslf.load("paper").D_F}

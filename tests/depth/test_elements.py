@@ -17,6 +17,8 @@ from roslf_design.scenes import Noise, Plane, Scene
 from tests.oracles.object_space import object_side
 from tests.oracles.relays import relay_scopes
 
+pytestmark = pytest.mark.usefixtures("unpredicted")
+
 WATER = {"index": 1.333, "abbe": 55.8}
 WINDOW = {"kind": "plate", "distance": 118.0, "thickness": 25.0, "material": {"index": 1.5}, "diameter": 60.0}
 IN_WATER = roslf.load("paper").replace(

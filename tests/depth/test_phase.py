@@ -25,6 +25,8 @@ from roslf_design.theory.light import microlens_defocus
 from roslf_design.theory.stop_images import MicrolensImages
 from tests.depth.made import Texture, fewer_rays
 
+pytestmark = pytest.mark.usefixtures("unpredicted")
+
 PLACES = np.array([-0.4, -0.15, 0.0, 0.3])
 
 

@@ -20,6 +20,8 @@ from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
 from roslf_design.traced.camera import camera_of, chief_slope, microlenses, sensor_of_pupil
 
+pytestmark = pytest.mark.usefixtures("unpredicted")
+
 DISPARITY = 0.3
 SINGLET = """
 name = "plano-convex, f/3.3"
