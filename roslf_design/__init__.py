@@ -34,12 +34,12 @@ if TYPE_CHECKING:
     from .errors import InputError
     from .evaluation import Evaluation, evaluate, evaluate_many
     from .evaluation.specification import Specification, specification
+    from .evaluation.sweep import Sweep, sweep
     from .reporting.printers import render_html, render_pdf
     from .scenes import Scene
     from .theory.quantities import QUANTITIES
     from .theory.quantity import Quantity
     from .theory.quantity_table import QuantityTable
-    from .theory.sweep import Sweep, sweep
 
 __all__ = [
     "QUANTITIES",
@@ -99,11 +99,11 @@ __getattr__, __dir__, _ = lazy.attach(
         "errors": ["InputError"],
         "evaluation": ["Evaluation", "evaluate", "evaluate_many"],
         "evaluation.specification": ["Specification", "specification"],
+        "evaluation.sweep": ["Sweep", "sweep"],
         "reporting.printers": ["render_html", "render_pdf"],
         "scenes": ["Scene"],
         "theory.quantities": ["QUANTITIES"],
         "theory.quantity": ["Quantity"],
         "theory.quantity_table": ["QuantityTable"],
-        "theory.sweep": ["Sweep", "sweep"],
     },
 )

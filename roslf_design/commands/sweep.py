@@ -15,16 +15,16 @@ from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
 from ..design import PATHS, Design
 from ..errors import InputError, one_line, refusal
+from ..evaluation.sweep import sweep as compute
+from ..evaluation.sweep import unit_of
 from ..reporting.sweep import sweep_picture
 from ..theory.limits import as_design, limits
-from ..theory.sweep import sweep as compute
-from ..theory.sweep import unit_of
 from ..units import read_quantity
 from .report import folder_name
 from .terminal import DesignName, OptionalOutput, check_target, read_distances, say, write_files
 
 if TYPE_CHECKING:
-    from ..theory.sweep import Sweep
+    from ..evaluation.sweep import Sweep
 
 KINDS = (".png", ".svg", ".csv", ".parquet")
 POINTS, ACROSS, MOST = 101, 61, 1_000_000

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from ..errors import Argument, InputError, Problem, refusal, with_options
+from ..errors import Argument, refusal, with_options
 from ..reporting.blocks import Block, Paragraph
 from ..reporting.printers import page_files
 from ..reporting.tolerance.pages import (
@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from ..tolerancing.result import StudyResult
-    from ..tolerancing.study import TolerancePlan
 
 MOST_WORKERS = 512
 OPTIONS = RunOptions()
@@ -87,7 +86,8 @@ def tolerance(
         count = trials_for(accuracy, plan.draws.sampling)
         plan, description, grades = options.model_copy(update={"trials": count}).plan(study)
     check_options(folder=output, title=f"Tolerances of {plan.question.design.name}")
-    _check_nominal(plan, str(study))
+    if misses := plan.nominal_misses():
+        say(f"roslf: the nominal design itself misses {', '.join(misses)}: its builds will, too", error=True)
     where = WorkerSettings(workers or _workers(plan.chunks), scheduler)
     with status_and_bars("tolerance") as tell:
         try:
@@ -114,15 +114,6 @@ def tolerance(
     from rich.console import Console
 
     _print_result(result, Console(), times=True)
-
-
-def _check_nominal(plan: TolerancePlan, origin: str) -> None:
-    """Refuse a study whose nominal design has no value for a limit; say, before the work, which limits it misses."""
-    if undefined := plan.undefined():
-        what = f"{', '.join(undefined)}: the nominal design has no value there; limit it at other fields, or drop it"
-        raise InputError((Problem("goals", what),), origin)
-    if misses := plan.nominal_misses():
-        say(f"roslf: the nominal design itself misses {', '.join(misses)}: its builds will, too", error=True)
 
 
 def _print_result(result: StudyResult, console: Console, times: bool = False) -> None:

@@ -18,6 +18,7 @@ from ..theory.limits import as_design
 from ..theory.quantities import quantities_of_cameras, thin_lens_note
 from ..theory.quantity_table import QuantityTable
 from .evaluate import at_temperature
+from .specification import FieldImages
 
 ANSWERS = (
     *("field_of_view_width_deg", "working_distance_mm", "field_half_width_mm", "object_sample_mm", "u_z_mm"),
@@ -91,6 +92,13 @@ def evaluate_many(
         for quantity in known:
             if not (focused and quantity.of_views):
                 columns[quantity.name][rows] = quantity(camera, at if quantity.at != "never" else None)
+    for row, design in enumerate(used):
+        if not design.main_lens.kind.mounted:
+            continue
+        shown = FieldImages.of(design)
+        for quantity in known:
+            if (told := shown.told(quantity, at)) is not None:
+                columns[quantity.name][row] = told
     names = np.array([name for name, _ in named])
     units = {quantity.name: quantity.unit for quantity in known}
     return QuantityTable({"design": names, **columns}, units, note=thin_lens_note(used, columns))

@@ -29,7 +29,7 @@ from ..theory.quantities import NO_LENS_MOVES, quantity_named
 from ..words import number, uncertainty
 from .groups import Verdict
 from .remedies import reaching
-from .specification import ASKED, FieldImages, FieldOfView, ObjectField, resolved
+from .specification import FieldImages
 
 WAYS = "`roslf sweep` shows what moves it, and as a study's [[constraints]] `roslf optimize` holds it"
 """Remedy of a limit that is not held."""
@@ -71,7 +71,7 @@ class Requirement:
     remedy: str = ""
     """Remedy of that, or of a limit that is missed, in a sentence."""
     thin_twin: float | None = None
-    """Value of the thin-lens model, by which sweeps and studies go, where `value` is of rays through a real lens."""
+    """Value of the thin-lens model, where `value` is of rays through a real lens."""
 
     def holds(self, values: Array | float) -> NDArray[np.bool_]:
         """Where values are within, but for what an optimiser's rounding may leave; nowhere where they are NaN."""
@@ -160,7 +160,7 @@ def requirements(
     for asked, quantity, low, high in limits(shown.design):
         depth = quantity.name == "u_z_mm"
         closed = float(budget(asked.at).u_z_mm) if depth else float(quantity(camera, asked.at))
-        rays = _of_rays(shown, quantity.name, asked.at)
+        rays = shown.told(quantity, asked.at)
         value = closed if rays is None else rays
         undefined = math.isnan(value) or (quantity.of_views and not has_views(camera))
         met = not undefined and bool(quantity.within(low, high, value))
@@ -197,12 +197,8 @@ def requirements(
             remedy = "; ".join(filter(None, (_slip_of_unit(asked, low, high, value, quantity.unit), remedy)))
         twin = None if value == closed or not lens.mounted or math.isnan(closed) else closed
         if twin is not None:
-            of_twin = f"of rays; of the thin-lens model, as studies count it, {number(twin, 4)} {quantity.unit}"
+            of_twin = f"of rays; of the thin-lens model {number(twin, 4)} {quantity.unit}"
             counts = "; ".join(filter(None, (counts, of_twin)))
-            if not met and quantity.within(low, high, twin):
-                remedy = (
-                    "sweeps and studies go by the thin-lens model, which holds it: set them a limit as much tighter"
-                )
         elif lens.mounted and met and quantity.name not in NO_LENS_MOVES:
             only = ", ".join(filter(None, (only, "by the thin-lens model alone")))
             beyond = f"no aberration of {lens.name} is in that: leave it a margin"
@@ -228,26 +224,6 @@ def missed_words(required: Sequence[Requirement]) -> str:
 def limits_for_study(design: Design, name: str = "quantity") -> tuple[dict[str, Any], ...]:
     """Limits of a design's `[required]` as tables of a study's file, the quantity's name under the key `name`."""
     return tuple({name: asked.quantity, **asked.limits()} for asked in design.required)
-
-
-def _of_rays(shown: FieldImages, name: str, at: float | None) -> float | None:
-    """Value that rays through the main lens tell, NaN where they show none; None of what the thin-lens model tells."""
-    camera = shown.images.camera
-    plane = float(quantity_named("working_distance_mm")(camera)) if at is None else at
-    way = next((way for way in ("width", "height") if way in name), "diagonal")
-    value: float | None = None
-    if name.startswith("field_of_view"):
-        value = getattr(FieldOfView.of(shown.ends, None), way)
-    elif not shown.design.main_lens.kind.mounted:
-        return None
-    elif name.startswith("tip_field_of_view"):
-        value = getattr(FieldOfView.of(shown.ends, plane), way)
-    elif name == f"field_half_{way}_mm":
-        value = getattr(ObjectField.of(shown.ends, plane, ASKED), f"{way}_mm") / 2
-    elif name in ("mtf50_lp_per_mm", "mtf10_lp_per_mm") and has_views(camera):
-        found = getattr(resolved(shown.images, 0, (ASKED, plane), "refocused"), name)
-        value = math.nan if found is None else found
-    return value
 
 
 def _slip_of_unit(asked: Required, low: float | None, high: float | None, value: float, unit: str) -> str:

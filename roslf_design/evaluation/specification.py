@@ -28,6 +28,7 @@ from ..theory.light import on_array
 from ..theory.limits import as_design
 from ..theory.photometry import exposure, through_filter
 from ..theory.quantities import QUANTITIES
+from ..theory.quantity import Quantity, Way
 from ..theory.resolution import Direction
 from ..theory.stop_images import MicrolensImages
 from ..traced.fields import DesignImages, IdealImages, images_of
@@ -195,7 +196,36 @@ class FieldImages:
     @cached_property
     def points(self) -> tuple[_FieldPoint, ...]:
         """The fields on the focal plane."""
-        return _FieldPoint.of(self.images, float(field_of_view.focus_ahead(self.images.camera)))
+        return _FieldPoint.of(self.images, self._plane(None))
+
+    def _plane(self, at: float | None) -> float:
+        """Distance of a plane ahead of the tip, or of the focal plane [mm]."""
+        return float(field_of_view.focus_ahead(self.images.camera)) if at is None else at
+
+    def angle(self, way: Way, at: float | None, *, from_tip: bool) -> float:
+        """Angle of view, as `Rays` has it [deg]."""
+        return float(getattr(FieldOfView.of(self.ends, self._plane(at) if from_tip else None), way))
+
+    def half_field(self, way: Way, at: float | None) -> float:
+        """Half a way across the field, as `Rays` has it [mm]."""
+        return float(getattr(ObjectField.of(self.ends, self._plane(at), ASKED), f"{way}_mm")) / 2
+
+    def detail(self, level: float, at: float | None) -> float:
+        """Detail on the axis, as `Rays` has it [lp/mm]."""
+        each_way = self.images.transfer(0, self._plane(at)).limits_each_way(LEVELS, "refocused")
+        return float(np.min([limits[LEVELS.index(level)] for limits in each_way]))
+
+    def share(self, quantity: Quantity, at: float | None) -> float | None:
+        """Value that rays tell over that of the thin-lens model; None of what they do not tell, or cannot."""
+        told = self.told(quantity, at)
+        share = math.nan if told is None else told / float(quantity(self.images.camera, at))
+        return share if math.isfinite(share) and share > 0 else None
+
+    def told(self, quantity: Quantity, at: float | None) -> float | None:
+        """A quantity as rays through a real lens tell it, NaN where they show none; None of what they do not tell."""
+        if quantity.of_rays is None or not self.design.main_lens.kind.mounted:
+            return None
+        return None if quantity.of_views and not has_views(self.images.camera) else quantity.of_rays(self, at)
 
 
 @dataclass(frozen=True)

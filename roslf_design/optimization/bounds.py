@@ -101,6 +101,8 @@ def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     quantity, names = part.quantity, {PATHS.get(name, name) for name in problem.variables}
     if part.field is not None or part.temperature is not None:
         return False
+    if quantity.of_rays is not None and problem.design.main_lens.kind.mounted:
+        return False
     decentred = any(value for place, value in problem.base.numbers.items() if ".decentre." in place)
     if quantity.name == OUTER_DIAMETER:  # widths of parts, of a cut array the least
         low = part.max is not None and part.min is None if isinstance(part, Constraint) else part.sign > 0

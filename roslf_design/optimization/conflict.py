@@ -151,7 +151,7 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
         return Conflict(unit, 0.0, feasible_after_all=True, undefined=lost or tuple(g.label for g in problem.goals))
     # At the point of least violation, limits that are held with room keep nothing from being held.
     pressed = {row.constraint for row, over in zip(sided.rows, rows, strict=True) if over > -PRESSED} - {-1}
-    within = pressed if pool.possible(frozenset(pressed)) is False else every
+    within = every if pool.possible(frozenset(pressed)) else pressed
     smallest, complete = _smallest(pool, sorted(within))
     clash = [sided.constraints[index] for index in sorted(smallest)]
     there = pool.best(smallest)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -11,10 +11,9 @@ from .._arrays import Array
 from ..bore.main_lens import IdealMainLens, RealMainLens, SheetMainLens
 from ..camera import Camera, Number
 from ..design import Design
-from ..theory.quantity import Quantity
 from .lens_variables import BENDING, FOCAL, LensVariation, VariedLens, varies_lens
 from .search import FTOL
-from .traces import Field, FieldTraces, Retrace, clearances, retraced
+from .traces import Asked, Field, FieldTraces, Retrace, clearances, retraced
 
 TRACED_FTOL = 1e-9
 """Change of a merit of traced rays that is theirs, and not of their rounding."""
@@ -25,8 +24,8 @@ CUSTOM = ", custom"
 Room = Callable[[Camera, Any], Number]
 """Clearance that is not below 0, of cameras and the `VariedLens` that they stand behind."""
 
-Optimum = Callable[[], tuple[Design, list[tuple[Quantity, Field, float]]]]
-"""An optimum, and what the search had for quantities at fields."""
+Optimum = Callable[[], tuple[Design, Sequence[tuple[Asked, float]]]]
+"""An optimum, and what the search had for goals and limits."""
 
 
 @dataclass(frozen=True)

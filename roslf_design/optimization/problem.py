@@ -15,7 +15,7 @@ from functools import cached_property
 from itertools import pairwise
 from operator import itemgetter
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -23,9 +23,12 @@ from .._arrays import Array
 from ..bore.conjugates import CONJUGATES, follower
 from ..camera import TIP, Camera, Number
 from ..design import PATHS, Design
+from ..errors import InputError
+from ..evaluation.specification import FieldImages
 from ..lenses.glass import Glass
 from ..theory.focused import LEAST_VIEWS, LIMIT, filtered_views, pupil_blur_ratio
 from ..theory.light import sensor_field
+from ..theory.quantities import quantity_named
 from ..theory.quantity import Quantity
 from ..theory.tube import OUTER, housed
 from ..tolerancing.draws import sobol_points
@@ -43,6 +46,8 @@ ROOM = 1e-6
 CUT_MARGIN = 0.1
 """Rim that a cut array has beyond what the sensor sees of it, on each side [mm]: what dicing may chip."""
 SIDES = "microlens_array.size.0", "microlens_array.size.1"
+
+T = TypeVar("T", Constraint, Goal)
 
 TRIED = 8
 """Places that are looked at for each start behind a real lens."""
@@ -443,10 +448,44 @@ class DesignProblem:
         scales = self.scales and (tuple(s for i, s in enumerate(self.scales[0]) if i in keep), self.scales[1])
         return replace(self, constraints=tuple(c for i, c in enumerate(self.constraints) if i in keep), scales=scales)
 
-    def untraced(self, *, summed: bool = True) -> DesignProblem:
-        """Problem with those of its limits alone that take no rays; those that take milliseconds among them or not."""
-        closed = (k for k, limit in enumerate(self.constraints) if limit.field is None)
-        return self.without(frozenset(k for k in closed if summed or not self._summed(self.constraints[k].quantity)))
+    @property
+    def by_rays(self) -> bool:
+        """Whether rays through a real lens tell a number of the whole camera that is asked for."""
+        asked = any(part.quantity.of_rays is not None for part in (*self.goals, *self.constraints))
+        return asked and bool(self.design.main_lens.kind.mounted)
+
+    def told_by_rays(self, unit: Array) -> tuple[DesignProblem, float]:
+        """Problem whose numbers of the whole camera are at a point those that rays tell, and how far others they were.
+
+        Elsewhere they are as many times those of the thin-lens model.
+        """
+        if not self.by_rays:
+            return self, 0.0
+        try:
+            shown = FieldImages.of(self.design_at(unit))
+        except InputError:
+            return self, 0.0
+
+        def told(part: T) -> T:
+            quantity = quantity_named(part.quantity.name)
+            share = None if part.temperature is not None else shown.share(quantity, part.at)
+            return part if share is None else part.model_copy(update={"quantity": quantity.times(share)})
+
+        posed = replace(self, goals=tuple(map(told, self.goals)), constraints=tuple(map(told, self.constraints)))
+        pairs: Iterator[tuple[Constraint | Goal, Constraint | Goal]] = zip(
+            (*self.goals, *self.constraints), (*posed.goals, *posed.constraints), strict=True
+        )
+        moved = (self.number(was, unit) / posed.number(now, unit) - 1 for was, now in pairs if was is not now)
+        return posed, max(map(abs, moved), default=0.0)
+
+    def untraced(self, *, quick: bool = False) -> DesignProblem:
+        """Problem with those of its limits alone that no rays at fields tell; quick: nor rays at all, nor long sums."""
+
+        def taken(limit: Constraint) -> bool:
+            slow = self._summed(limit.quantity) or (self.by_rays and limit.quantity.of_rays is not None)
+            return limit.field is None and not (quick and slow)
+
+        return self.without(frozenset(k for k, limit in enumerate(self.constraints) if taken(limit)))
 
     def one_sided(self) -> DesignProblem:
         """Problem with each limit a constraint of its own."""

@@ -22,7 +22,7 @@ from .combinations import Combinations
 from .conflict import Conflict, explain
 from .problem import DesignProblem, promising_starts, sobol_units
 from .search import BIG, QUICK, Search, SearchBudget, violation_of
-from .solve import searched
+from .solve import MOST_SETTLING, SETTLED, searched
 from .traces import Retrace
 from .variables import lengths_and_numbers
 
@@ -33,6 +33,8 @@ MOST_BOXES = 200_000
 ROUNDS = 16
 LOOKED_AT = 64
 """Points of a combination's bounds of which the best begins a search that takes no rays."""
+ROUGHLY = 1e-2
+"""Relative change of numbers that rays tell, below which they decide whether a combination is looked at further."""
 TRIED_IN_VAIN = 2
 """Starts of traced searches after which a combination of which none holds the limits is left."""
 TIES = 1e-3
@@ -46,6 +48,8 @@ class Ranked:
 
     number: int
     search: Search
+    problem: DesignProblem
+    """Problem solved: numbers of the whole camera as rays tell them there."""
 
 
 @by_value
@@ -77,7 +81,7 @@ class Ranking:
         """As results have it; `retraces` of the best behind a real lens."""
         rows = []
         for place, ranked in enumerate(self.best, 1):
-            problem, unit = self.combinations.problem_at(ranked.number), ranked.search.unit
+            problem, unit = ranked.problem, ranked.search.unit
             rows.append(
                 {
                     "rank": place,
@@ -168,13 +172,17 @@ class _Ranker:
             self.reasons[number] = "no camera within the bounds"
             return
         begin = [(low + high) / 2, low + self.middle * (high - low)]
-        results, asked = self._traced(problem, begin) if problem.traced else (self._closed(problem, begin), problem)
+        asked = problem
+        if problem.traced or problem.by_rays:
+            results, problem, asked = self._traced(problem, begin)
+        else:
+            results = self._closed(problem, begin)
         self.done[number] = True
         designs = [result for result in results if result.feasible]
         if designs:
-            ranked = Ranked(number, min(designs, key=lambda result: result.merit))
+            ranked = Ranked(number, min(designs, key=lambda result: result.merit), problem)
             self.best = sorted([*self.best, ranked], key=_order)[: 3 * self.keep]
-        least = Ranked(number, min(results, key=lambda result: result.violation))
+        least = Ranked(number, min(results, key=lambda result: result.violation), problem)
         self.reasons[number] = "holds every limit, others are better" if designs else _missed(asked, least.search)
         self.nearest = min(self.nearest or least, least, key=lambda one: one.search.violation)
 
@@ -192,27 +200,38 @@ class _Ranker:
                 break
         return results
 
-    def _traced(self, problem: DesignProblem, begin: list[Array]) -> tuple[list[Search], DesignProblem]:
+    def _traced(self, problem: DesignProblem, begin: list[Array]) -> tuple[list[Search], DesignProblem, DesignProblem]:
         """Searches behind a real lens: of what closed forms tell, which take no rays, then of the thin-lens model.
 
-        Rays are traced from its optimum on, and from other starts where that holds the limits. Beside them the problem
-        with those limits that were looked at.
+        Rays are traced from its optimum on, and from other starts where that holds the limits. Beside them the problem,
+        with what rays tell of the whole camera where they end, and with those limits alone that were looked at.
         """
         start = begin[0]
-        for asked in (problem.untraced(summed=False), problem.untraced()):
-            near = self._nearest(asked.without_goals(), start)
+        for quick in (True, False):
+            for _ in range(MOST_SETTLING):
+                near = self._nearest(problem.untraced(quick=quick).without_goals(), start)
+                problem, moved = (problem, 0.0) if quick else problem.told_by_rays(near.unit)
+                start = near.unit
+                if moved <= ROUGHLY:
+                    break
             if not near.feasible:
-                rows = problem.limits(near.unit[None])[:, 0]
-                return [replace(near, violation=violation_of(np.nan_to_num(rows, nan=BIG)))], asked
-            start = near.unit
+                rows = np.nan_to_num(problem.limits(start[None])[:, 0], nan=BIG)
+                return [replace(near, violation=violation_of(rows))], problem, problem.untraced(quick=quick)
         thin = self._searched(replace(problem, thin=True), start)
+        problem, _ = problem.told_by_rays(thin.unit)
         results: list[Search] = []
         for first in promising_starts(problem, [thin.unit, start, *begin], self.starts, self.seed):
             held = self._searched(problem.without_goals(), first)
             results.append(self._searched(problem, held.unit) if held.feasible else held)
             if len(results) == TRIED_IN_VAIN and not any(result.feasible for result in results):
                 break
-        return results, problem
+        for _ in range(MOST_SETTLING if problem.by_rays else 0):
+            best = min(results, key=lambda result: (not result.feasible, result.merit, result.violation))
+            problem, moved = problem.told_by_rays(best.unit)
+            if moved <= SETTLED:
+                break
+            results = [self._searched(problem, best.unit)]
+        return results, problem, problem
 
     def _nearest(self, problem: DesignProblem, start: Array) -> Search:
         """The point nearest to holding limits without rays, from the best of many."""
@@ -264,10 +283,10 @@ class _Ranker:
         """Search the list's combinations again, thoroughly."""
         polished = []
         for ranked in [each for each in self.best if each.search.merit < self.threshold]:
-            problem = self.combinations.problem_at(ranked.number)
+            problem = ranked.problem
             again = searched(problem, ranked.search.unit, self.budget.at_least(1000, 10.0), tolerance=problem.finest)
             better = again.feasible and again.merit < ranked.search.merit
-            polished.append(Ranked(ranked.number, again) if better else ranked)
+            polished.append(Ranked(ranked.number, again, problem) if better else ranked)
         self.best = sorted(polished, key=_order)[: self.keep]
 
 
@@ -301,7 +320,7 @@ def rank(
     nearest = None if ranker.best or stopped else ranker.nearest
     if nearest is not None:
         tell("catalogue: finding what stands in the way")
-        conflict = explain(combinations.problem_at(nearest.number), [nearest.search.unit], budget, seed)
+        conflict = explain(nearest.problem, [nearest.search.unit], budget, seed)
     return Ranking(
         combinations=combinations,
         best=tuple(ranker.best[:keep]),

@@ -48,6 +48,9 @@ LOOSE = 0.01
 TOUCHING = 1e-6
 """Scaled rows and variables this close to their limit count as on it."""
 
+MOST_SETTLING, SETTLED = 4, 1e-4
+"""Searches after which numbers that rays tell are taken as they are, and how little they then move, relative."""
+
 Tell = CountedProgress
 
 
@@ -240,6 +243,18 @@ def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = silen
         if not last:
             current = replace(current, constraints=(*current.constraints, held))
     return replace(answer, asked=problem, stages=tuple(stages), evaluations=spent, seconds=time.monotonic() - began)
+
+
+def settled(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = silent) -> DesignProblem:
+    """Problem whose numbers of the whole camera are those that rays tell where its optimum lies, as far as they do."""
+    budget, (unit, *_) = settings.fresh(), _starts(problem, settings)
+    for step in range(MOST_SETTLING if problem.by_rays else 0):
+        tell("rays at the optimum", step, MOST_SETTLING)
+        unit = searched(problem, unit, budget, settings.evaluations, max(settings.tolerance, problem.finest)).unit
+        problem, moved = problem.told_by_rays(unit)
+        if moved <= SETTLED:
+            break
+    return problem
 
 
 def _starts(problem: DesignProblem, settings: Settings) -> list[Array]:

@@ -29,7 +29,7 @@ from ..lenses.prescription import Prescription
 from ..progress import silent
 from ..tables import BriefValue
 from ..theory.focused import focus_faults
-from ..theory.quantity import FEASIBLE, Quantity
+from ..theory.quantity import FEASIBLE
 from ..toml_files import StrictTable, nearest, problems_of, read_toml
 from ..units import Length
 from ..words import number
@@ -42,8 +42,7 @@ from .parts import given_by, load_catalogue
 from .problem import DesignProblem, sobol_units, titled
 from .ranking import Ranking, rank
 from .robust import Robust, RobustTable, maximise_robustness, scatter_of
-from .solve import Answer, Settings, SolverTable, Tell, optimum_accuracy, solve
-from .traces import Field as ArrayPlace
+from .solve import Answer, Settings, SolverTable, Tell, optimum_accuracy, settled, solve
 from .traces import Retrace, faults_behind
 from .variables import NUMBERS, NumberVariable, Variable, lengths_and_numbers, name_faults
 
@@ -353,9 +352,8 @@ class Result(BriefValue):
             robust = answer.problem.design_at(self.robust.unit, titled(title, "robust"))
             yield "robust.toml", robust.replace({"source": source})
         if self.ranking is not None:
-            combinations = self.ranking.combinations
             for place, ranked in enumerate(self.ranking.best, 1):
-                problem = combinations.problem_at(ranked.number)
+                problem = ranked.problem
                 so_far = ", best so far" if self.ranking.stopped else ""
                 design = problem.design_at(ranked.search.unit, f"{title}, parts {place}{so_far}")
                 parts = self.ranking.ordered(ranked)
@@ -423,6 +421,7 @@ def run(study: OptimizeStudy, tell: Tell = silent) -> Result:
         answer, bore = solve_through(problem, table.rims, settings, tell)
         problem = answer.asked
     else:
+        problem = settled(problem, settings, tell)
         answer = solve(problem, settings, tell)
     if answer.feasible and table.pareto is not None:
         goals = [next(goal for goal in problem.goals if goal.quantity.name == name) for name in table.pareto.goals]
@@ -430,6 +429,7 @@ def run(study: OptimizeStudy, tell: Tell = silent) -> Result:
     if answer.feasible and table.robust is not None and scatter is not None:
         robust = maximise_robustness(problem, table.robust, scatter, answer.unit, settings.fresh(), tell)
     if table.catalogue is not None:
+        problem = study.problem
         element = table.catalogue.plate(problem.design)
         glasses = table.catalogue.only.get("glasses", ())
         combinations = Combinations.of(problem, catalogue, table.catalogue.kinds, element, glasses)
@@ -450,18 +450,17 @@ def run(study: OptimizeStudy, tell: Tell = silent) -> Result:
 
 def _optimum(
     problem: DesignProblem, asked: Sequence[Constraint | Goal], unit: NDArray[np.float64]
-) -> tuple[Design, list[tuple[Quantity, ArrayPlace, float]]]:
-    """An optimum as its design file has it, and what the search had for quantities at fields."""
+) -> tuple[Design, list[tuple[Goal | Constraint, float]]]:
+    """An optimum as its design file has it, and what the search had for goals and limits."""
     parts = [part for part in asked if part.temperature is None]
-    at_fields = [(part.quantity, part.field, problem.number(part, unit)) for part in parts if part.field is not None]
-    return problem.design_at(unit), at_fields
+    return problem.design_at(unit), [(part, problem.number(part, unit)) for part in parts]
 
 
-def _combination(ranking: Ranking, number: int, tell: Tell) -> tuple[Design, list[tuple[Quantity, ArrayPlace, float]]]:
+def _combination(ranking: Ranking, number: int, tell: Tell) -> tuple[Design, list[tuple[Goal | Constraint, float]]]:
     """One of the best combinations of parts, likewise."""
     tell("combinations traced again", number, len(ranking.best))
     ranked = ranking.best[number]
-    posed = ranking.combinations.problem_at(ranked.number)
+    posed = ranked.problem
     return _optimum(posed, (*posed.goals, *posed.constraints), ranked.search.unit)
 
 

@@ -5,10 +5,10 @@ What belongs to the camera as a whole follows from the lens's own first order, i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from ..bore.conjugates import CONJUGATES
 from ..bore.part import TEMPERATURE
 from ..camera import TIP, VIEWING_CONDITIONS, Camera, Number
 from ..design import PATHS, Design
+from ..evaluation.specification import FieldImages
 from ..lenses.prescription import first_order
 from ..theory.quantity import Quantity
 from ..tolerancing.ideal import IdealBuilds
@@ -158,16 +159,36 @@ class Retrace:
         return {"lens": self.lens, "method": METHOD, "goals_and_limits": self.moved, "folded_fields_mm": shapeless}
 
 
-def retraced(best: Design, asked: list[tuple[Quantity, Field, float]]) -> Retrace:
+class Asked(Protocol):
+    """A quantity that a goal or a limit names, at a field or of the whole camera."""
+
+    @property
+    def quantity(self) -> Quantity:
+        """Quantity asked for."""
+
+    @property
+    def field(self) -> Field | None:
+        """A place on the array."""
+
+    @property
+    def at(self) -> float | None:
+        """Distance ahead of the tip [mm]."""
+
+
+def retraced(best: Design, asked: Sequence[tuple[Asked, float]]) -> Retrace:
     """Trace a design as a camera of its own, where the search had one of many.
 
-    `asked` are the quantities at fields that goals and limits name, and what the search had for them.
+    `asked` are goals and limits, and what the search had for them.
     """
     assert best.lens is not None
-    fields = tuple(dict.fromkeys(field for _, field, _ in asked)) or ((0.0, 0.0),)
+    at_fields = [(one.quantity, one.field, value) for one, value in asked if one.field is not None]
+    fields = tuple(dict.fromkeys(field for _, field, _ in at_fields)) or ((0.0, 0.0),)
     cameras = Camera.of(best).replace({PATHS["d_2"]: np.array([best.d_2])})
     own = FieldTraces(best, fields, cameras, own=True)
-    again = [(value, float(own.at(quantity, field)[0])) for quantity, field, value in asked]
+    again = [(value, float(own.at(quantity, field)[0])) for quantity, field, value in at_fields]
+    shown = FieldImages.of(best)
+    whole = [(value, shown.told(one.quantity, one.at)) for one, value in asked if one.field is None]
+    again += [(value, told) for value, told in whole if told is not None]
     moved = [abs(a - b) / max(abs(a), abs(b), 1.0) for a, b in again]
     finite = [off for off in moved if np.isfinite(off)]
     shapeless = tuple(field for field, odd in zip(fields, folded(best, fields), strict=True) if odd)

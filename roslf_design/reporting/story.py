@@ -192,7 +192,7 @@ def _run_tolerances(
     reaches the target yield, too.
     """
     plan, study, grades = tolerance_plan(_seeded(data, seed), design, folder, origin)
-    return analyse(plan, study, grades, _tally(plan, progress), budgets=budgets, progress=progress)
+    return analyse(plan, study, grades, _tally(plan.defined(origin), progress), budgets=budgets, progress=progress)
 
 
 def _seeded(data: Mapping[str, Any], seed: int | None) -> Mapping[str, Any]:
@@ -214,7 +214,7 @@ def _builds_alone(
 ) -> BuildSpread:
     """The trials of a tolerance study without its analyses; arguments as of `_run_tolerances`."""
     plan, study, _ = tolerance_plan(_seeded(data, seed), design, folder, origin)
-    return BuildSpread(plan, summarise(plan, _tally(plan, progress))[-1], study.yield_target)
+    return BuildSpread(plan, summarise(plan, _tally(plan.defined(origin), progress))[-1], study.yield_target)
 
 
 def run_optimisation(

@@ -10,9 +10,9 @@ import numpy as np
 from ..drawing.marks import Area, Dots, Image, Key, Line, Mark, Text, box_key, contours, dot_key, line_key, parted
 from ..drawing.panel import Panel, Scale, colour_bar, named_ticks
 from ..drawing.picture import PAGE, Picture, beside, one_panel
+from ..evaluation.sweep import Sweep
 from ..theory.limits import Limits
 from ..theory.quantities import in_words
-from ..theory.sweep import Sweep
 from ..words import number
 
 TALL = 230.0

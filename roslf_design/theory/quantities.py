@@ -84,10 +84,14 @@ NO_LENS_MOVES = frozenset(
 """Quantities that a thin-lens model has as its real lens has them: of parts, or on the axis to first order."""
 
 
-def thin_lens_note(designs: Iterable[Design], names: Iterable[str]) -> str:
-    """Words on the quantities that are of thin-lens models where lenses are real, and who tells more; empty of none."""
+def thin_lens_note(designs: Iterable[Design], names: Iterable[str], *, traced: bool = True) -> str:
+    """Words on the quantities that are of thin-lens models where lenses are real, and who tells more; empty of none.
+
+    `traced`: what rays tell was asked of them.
+    """
     lenses = dict.fromkeys(lens.name for design in designs if (lens := design.main_lens.kind).mounted)
-    moved = [name for name in dict.fromkeys(names) if name not in NO_LENS_MOVES]
+    told = {name for name, quantity in QUANTITIES.items() if traced and quantity.of_rays is not None}
+    moved = [name for name in dict.fromkeys(names) if name not in NO_LENS_MOVES | told]
     if not lenses or not moved:
         return ""
     return (
@@ -214,6 +218,7 @@ def _angles(start: Literal["entrance pupil", "tip"]) -> Iterator[Quantity]:
             monotone=False,
             numeric=True,
             at="optional" if from_tip else "never",
+            of_rays=lambda rays, at, way=way: rays.angle(way, at, from_tip=from_tip),  # type: ignore[misc]
         )
 
 
@@ -441,6 +446,7 @@ _EVERY = (
         "half the width that the sensor sees, at a distance ahead of the tip or at the focal plane, of traced chief "
         "rays",
         **_over_field(_half_field("width")),
+        of_rays=lambda rays, at: rays.half_field("width", at),
         at="optional",
         traced=True,
         label="field half width",
@@ -451,6 +457,7 @@ _EVERY = (
         "mm",
         "half the height that the sensor sees, at a distance ahead of the tip or at the focal plane",
         **_over_field(_half_field("height")),
+        of_rays=lambda rays, at: rays.half_field("height", at),
         at="optional",
         traced=True,
         label="field half height",
@@ -460,6 +467,7 @@ _EVERY = (
         "mm",
         "the same to the corner",
         **_over_field(_half_field("diagonal")),
+        of_rays=lambda rays, at: rays.half_field("diagonal", at),
         at="optional",
         traced=True,
         label="field half diagonal",
@@ -733,6 +741,7 @@ _EVERY = (
         "detail of which the refocused image shows half the contrast, on the axis, at a distance ahead of the tip or "
         "at the focal plane",
         _resolved(0.5),
+        of_rays=lambda rays, at: rays.detail(0.5, at),
         at="optional",
         monotone=False,
         numeric=True,
@@ -744,6 +753,7 @@ _EVERY = (
         "lp/mm",
         "the same of a tenth of the contrast",
         _resolved(0.1),
+        of_rays=lambda rays, at: rays.detail(0.1, at),
         at="optional",
         monotone=False,
         numeric=True,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,23 @@ FEASIBLE = 1e-9
 """Largest violation of a scaled limit that counts as none, in searches and of what a design requires: 1e-9 of it."""
 Depth = float | None
 """Distance ahead of the bore's tip at which a number is asked for [mm]; None is the focal plane."""
+
+
+Way = Literal["width", "height", "diagonal"]
+"""Way across the field."""
+
+
+class Rays(Protocol):
+    """Rays of a single design through its own main lens, as quantities ask them."""
+
+    def angle(self, way: Way, at: Depth, *, from_tip: bool) -> float:
+        """Angle of view [deg] over a way across the field, from the entrance pupil or, on a plane, from the tip."""
+
+    def half_field(self, way: Way, at: Depth) -> float:
+        """Half a way across the field [mm] on a plane."""
+
+    def detail(self, level: float, at: Depth) -> float:
+        """Detail [lp/mm] of a plane that the refocused image shows with so much of its contrast; NaN of none."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +76,8 @@ class Quantity(BriefValue):
     ...) where `worst` is set. None: it exists only per field."""
     local: Callable[[MicrolensImages], Number] | None = None
     """Function at the fields of misaligned builds, shape (fields, builds); None: the camera has it only as a whole."""
+    of_rays: Callable[[Rays, Depth], float] | None = None
+    """Function of the rays of a single design; None where rays tell nothing of it."""
     equation: str = ""
     """Equation in the paper."""
     label: str = ""
@@ -122,6 +141,15 @@ class Quantity(BriefValue):
         values = self.of(camera, at)
         values = values if self.worst is None else self.worst(values)
         return values if behind is None or not behind.any() else np.where(behind, np.nan, values)
+
+    def times(self, share: float) -> Quantity:
+        """The quantity, so many times as large."""
+        of, over = self.of, self.over
+        return replace(
+            self,
+            of=of and (lambda camera, at: share * of(camera, at)),
+            over=over and (lambda camera, at, field: share * over(camera, at, field)),
+        )
 
     def at_fields(self, images: MicrolensImages) -> Number:
         """Its values at the fields of builds, shape (fields, builds).

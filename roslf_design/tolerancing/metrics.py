@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -15,6 +16,7 @@ from ..bore.main_lens import IdealMainLens, RealMainLens, SheetMainLens
 from ..bore.part import TEMPERATURE
 from ..camera import TEMPERATURES, Camera, Number
 from ..design import PATHS, Design
+from ..evaluation.specification import FieldImages
 from ..theory.quantities import DECODED, QUANTITIES
 from ..theory.quantity import Quantity
 from .ideal import IdealBuilds
@@ -122,10 +124,12 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
         builds, valid = builds_of(question, values, trials, calibrated=calibrated)
         for metric in (METRICS[name] for name in question.metrics):
             rows = 1 if metric.local is None else len(question.fields)
-            results[row : row + rows] = metric(builds.camera) if metric.local is None else metric.local(builds)
+            results[row : row + rows] = (
+                _of_camera(question, metric, builds.camera) if metric.local is None else metric.local(builds)
+            )
             row += rows
         for column in question.distant:
-            results[row] = column.quantity(builds.camera, column.at)
+            results[row] = _of_camera(question, column.quantity, builds.camera, column.at)
             row += 1
     if not valid.all():
         results[:, ~valid] = np.nan
@@ -134,6 +138,30 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
         told |= question.infinite[:, None] & (results == np.inf)
         results[~told] = np.nan
     return results
+
+
+def _of_camera(question: Question, quantity: Quantity, camera: Camera, at: float | None = None) -> Array:
+    """A quantity of whole builds, behind a real lens as many times the thin-lens models' as rays tell at nominal."""
+    share = share_by_rays(question.design, quantity.name, at)
+    return quantity(camera, at) * (1.0 if share is None else share)
+
+
+@lru_cache(maxsize=64)
+def share_by_rays(design: Design, name: str, at: float | None) -> float | None:
+    """Value that rays of a design tell of a quantity of the whole camera, over that of its thin-lens model.
+
+    None of what rays do not tell, or cannot. Builds' own rays differ from so many times their thin-lens models by 0.1
+    to 1 % in fields and angles, where without it they differ by 10 to 20 %; detail scatters by more than they tell.
+    """
+    asked = DISTANT.get(name)  # of decoders it is no quantity of a design
+    if asked is None or asked.of_rays is None or not design.main_lens.kind.mounted:
+        return None
+    return _seen(design).share(asked, at)
+
+
+@lru_cache(maxsize=8)
+def _seen(design: Design) -> FieldImages:
+    return FieldImages.of(design)
 
 
 def _lenslet_offsets(question: Question, values: Mapping[str, Array]) -> tuple[Number, Number] | None:

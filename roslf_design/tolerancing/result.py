@@ -293,9 +293,9 @@ def is_limited(final: Variant, one: Requirement) -> bool:
 def of_builds(one: Requirement) -> bool:
     """Whether a study's builds, of a real lens thin-lens models, tell how many of them meet a requirement.
 
-    They tell neither how far lengths are off of depth, expected, nor rays through a real lens.
+    They do not tell how far lengths are off of depth, expected.
     """
-    return one.quantity != "u_z_mm" and one.thin_twin is None
+    return one.quantity != "u_z_mm"
 
 
 def limit_of(one: Requirement) -> tuple[str, float, float]:
@@ -466,6 +466,12 @@ def _warnings(
     if twins := plan.of_thin_twins:
         named = ", ".join(twins)
         yield f"of the thin-lens model, nominal and of each build (`roslf evaluate` traces field and detail): {named}"
+    if plan.by_rays:
+        named = ", ".join(column.label for column in plan.by_rays)
+        yield (
+            f"of rays through the nominal lens, from where builds change as their thin-lens models do: {named}; what "
+            "wedges and decentres of surfaces take of detail is not in it"
+        )
     axial = [column.label for column in plan.columns if column.field is None]
     if axial and any(".tilt." in p.place and not p.place.startswith("elements.") for p in plan.draws.perturbations):
         yield f"of the whole camera, on its axis, so blind to decentres and tilts: {', '.join(axial)}"

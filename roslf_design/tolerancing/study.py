@@ -47,7 +47,7 @@ from ..units import Length, in_file, read_quantity
 from ..words import number
 from .draws import Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
-from .metrics import DISTANT, METRICS, Column, Question, evaluate_builds, faults_of
+from .metrics import DISTANT, METRICS, Column, Question, evaluate_builds, faults_of, share_by_rays
 from .places import LENSLETS, SHIPPED, Grades, expand, load_grades, nominal_values, tolerance_at
 
 CALIBRATION = "calibration"
@@ -59,7 +59,7 @@ MOST_MEMORY, SOBOL_ROWS = 1 << 30, 600
 
 FIELD_NAMES = ("centre", "edge", "corner")
 """Fields of what the sensor sees, as `roslf evaluate` takes them."""
-FORMAT = 9
+FORMAT = 10
 """Raised when the same plan would give other bytes; part of the digest that guards a resumed run."""
 TIED = ": "
 """Between a group's name and the pose that its members share."""
@@ -408,18 +408,33 @@ class TolerancePlan:
                 missed.append(f"{label} ({number(value, 4)} of the thin-lens model)" if label in twins else label)
         return tuple(dict.fromkeys(missed))
 
-    def undefined(self) -> tuple[str, ...]:
-        """Labels of the limits that the nominal design has no value for."""
+    def defined(self, origin: str = "") -> TolerancePlan:
+        """The plan itself, which can be run.
+
+        Raises
+        ------
+        InputError
+            The nominal design has no value for a limit: no build would tell anything.
+        """
         labels = (self.columns[l.column].label for l in self.limits if np.isnan(self.nominal[l.column]))
-        return tuple(dict.fromkeys(labels))
+        if undefined := ", ".join(dict.fromkeys(labels)):
+            words = f"{undefined}: the nominal design has no value there; limit it at other fields, or drop it"
+            raise InputError((Problem("goals", words),), origin)
+        return self
 
     @property
     def of_thin_twins(self) -> tuple[str, ...]:
         """Labels of what is told of the thin-lens model of a build, behind a real lens; nothing behind an ideal one."""
         if not self.question.design.main_lens.kind.mounted:
             return ()
+        told = (*NO_LENS_MOVES, *(column.metric for column in self.by_rays))
+        return tuple(column.label for column in self.columns if column.field is None and column.metric not in told)
+
+    @property
+    def by_rays(self) -> tuple[Column, ...]:
+        """Whole cameras' columns that rays tell at nominal, from where builds change as thin-lens models do."""
         whole = (column for column in self.columns if column.field is None)
-        return tuple(column.label for column in whole if column.metric not in NO_LENS_MOVES)
+        return tuple(c for c in whole if share_by_rays(self.question.design, c.metric, c.at) is not None)
 
     def passes(self, values: Array) -> NDArray[np.bool_]:
         """Which limits hold, shape (limits, trials), for values of shape (columns, trials); NaN never passes."""
@@ -496,7 +511,7 @@ def load_plan(
     study, design, grades = read_study(data, path.parent, str(path))
     changes = {"trials": trials, "seed": seed}
     study = study.model_copy(update={key: value for key, value in changes.items() if value is not None})
-    return make_plan(study, design, grades, str(path)), study, grades
+    return make_plan(study, design, grades, str(path)).defined(str(path)), study, grades
 
 
 def tolerance_plan(

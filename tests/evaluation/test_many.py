@@ -10,6 +10,8 @@ QUANTITIES = ("field_of_view_width_deg", "fill_factor", "u_z_mm", "non_distortio
 
 
 def alone(design, name):
+    if name == "field_of_view_width_deg" and design.lens is not None:
+        return roslf.specification(design).field_of_view_deg[0].width
     return float(roslf.quantity(name)(roslf.Camera.of(design)))
 
 

@@ -183,8 +183,8 @@ def test_a_real_lens_gets_no_tick_by_a_number_of_its_thin_twin():
     between = judged(f'mtf50_lp_per_mm = {{at = "200 mm", min = {(traced.usable_lp_per_mm + twin) / 2!r}}}')
     (one,), verdict = between.required, between.verdicts[0]
     assert (one.value, one.thin_twin, one.met) == (traced.usable_lp_per_mm, twin, False)
-    assert (verdict.level, "go by the thin-lens model, which holds it" in verdict.remedy) == ("fault", True)
-    assert f"of rays; of the thin-lens model, as studies count it, {number(twin, 4)} lp/mm" in verdict.text
+    assert verdict.level == "fault"
+    assert f"of rays; of the thin-lens model {number(twin, 4)} lp/mm" in verdict.text
     build = LengthCovariance(("sensor.distance",), np.array([[1e-8]]))
     held = judged(
         'mtf50_lp_per_mm = {at = "200 mm", min = 1}\nu_z_mm = {max = "1 m"}\nfill_factor = {min = 0.1}\n'

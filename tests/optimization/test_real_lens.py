@@ -4,12 +4,13 @@ import json
 
 import numpy as np
 import pytest
-from scipy.optimize import differential_evolution
+from scipy.optimize import brentq, differential_evolution
 
 import roslf_design as roslf
 from roslf_design.cli import main
 from roslf_design.design import preset_path
 from roslf_design.optimization import Constraint, Goal, Settings, solve
+from roslf_design.optimization.solve import settled
 from roslf_design.optimization.traces import FieldTraces
 from roslf_design.traced.camera import camera_of, microlenses
 from roslf_design.traced.images import real_images
@@ -102,6 +103,25 @@ def test_an_entrance_pupil_behind_the_lens_stands_in_no_one_s_way():
     own = images(problem.design.replace(**answer.variables()))
     assert own.diameter[0] == pytest.approx(0.063, rel=1e-6)
     assert own.kept_fraction[1] == 1
+
+
+def test_a_field_of_the_whole_camera_is_held_as_rays_tell_it():
+    """The nearest focal plane on which the traced field is wide enough, by bisection over data sheets."""
+    design = SINGLET.replace({"sensor.distance": SINGLET.d_2, "main_lens.focal_plane": 350.0})
+    limit = Constraint(quantity="field_half_width_mm", min=31.0)
+    problem = posed({"d_f": (250, 450)}, [limit], Goal(quantity="sigma_z_mm", direction="min"), design=design)
+
+    def room(plane):
+        return roslf.specification(design.replace({"main_lens.focal_plane": plane})).object_field[1].width_mm / 2 - 31.0
+
+    known = brentq(room, 250, 450, xtol=1e-7)
+    settings = Settings(starts=2, check=False)
+    answer = solve(settled(problem, settings), settings)
+    assert answer.feasible
+    assert answer.variables()["d_f"] == pytest.approx(known, rel=1e-5)
+    assert answer.number(answer.asked.constraints[0]) == pytest.approx(31.0, rel=1e-9)
+    alone = solve(problem, settings).variables()["d_f"]  # by the thin-lens model
+    assert abs(alone / known - 1) > 0.05
 
 
 def test_a_study_behind_a_real_lens(tmp_path, capsys):

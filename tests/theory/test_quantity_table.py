@@ -3,6 +3,7 @@
 import csv
 import io
 import sys
+from itertools import product
 
 import numpy as np
 import pytest
@@ -43,16 +44,29 @@ def test_a_file_is_not_written_over_unless_asked(swept, tmp_path):
     assert [one.name for one in tmp_path.iterdir()] == ["sweep.csv"]
 
 
-def test_columns_of_the_thin_lens_are_marked_behind_a_real_one():
-    """A field of view by sweep was the thin lens's beside the one that `evaluate` traces, and nothing said so."""
-    swept = roslf.sweep("paper-singlet", {"d_3": [100.0, 120.0]}, ["field_of_view_deg", "working_distance_mm"])
-    told = "thin-lens model, not of rays through LA1050-A reversed: field_of_view_deg; `roslf evaluate` traces"
+def test_what_rays_tell_is_traced_behind_a_real_lens_and_the_rest_marked(monkeypatch):
+    """A field of view by sweep was the thin lens's beside the one that `evaluate` traces."""
+    names = ["field_of_view_deg", "mtf50_lp_per_mm", "sigma_z_mm", "working_distance_mm"]
+    grid = {"d_3": [100.0, 120.0], "D_F": [2.0, 3.0]}
+    swept = roslf.sweep("paper-singlet", grid, names, at=300.0)
+    for (i, d_3), (j, d_f) in product(enumerate(grid["d_3"]), enumerate(grid["D_F"])):
+        sheet = roslf.specification(roslf.load("paper-singlet").replace(d_3=d_3, D_F=d_f), 300.0)
+        assert swept.values["field_of_view_deg"][i, j] == sheet.field_of_view_deg[0].diagonal
+        assert swept.values["mtf50_lp_per_mm"][i, j] in [one.mtf50_lp_per_mm for one in sheet.resolution]
+    told = "thin-lens model, not of rays through LA1050-A reversed: sigma_z_mm; `roslf evaluate` traces"
     assert told in str(swept)
     assert "not of rays through LA1050-A" in swept._repr_html_()
     assert swept.to_pandas().attrs["note"] == swept.note
-    assert told in str(roslf.evaluate_many(["paper", "paper-singlet"], ["field_of_view_deg"]))
+    monkeypatch.setattr("roslf_design.evaluation.sweep.MOST_TRACED", 3)
+    coarse = roslf.sweep("paper-singlet", grid, names, at=300.0)
+    assert "field_of_view_deg, mtf50_lp_per_mm and sigma_z_mm; `roslf evaluate` traces" in coarse.note
+    assert coarse.note.endswith("a sweep of up to 3 points, too)")
+    assert coarse.values["field_of_view_deg"][0, 0] != swept.values["field_of_view_deg"][0, 0]
+    many = roslf.evaluate_many(["paper", "paper-singlet"], names[:2])
+    assert many.columns[names[0]][1] == roslf.specification("paper-singlet").field_of_view_deg[0].diagonal
+    assert not many.note
     assert not roslf.sweep("paper-singlet", {"d_3": [100.0]}, ["working_distance_mm"]).note
-    assert not roslf.sweep("paper", {"d_3": [100.0]}, ["field_of_view_deg"]).note
+    assert not roslf.sweep("paper", {"d_3": [100.0]}, ["sigma_z_mm"]).note
 
 
 def test_html_has_every_number_and_no_markup_of_a_name():

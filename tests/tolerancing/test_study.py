@@ -11,6 +11,7 @@ from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design import dumps, load, preset_names, preset_path
 from roslf_design.errors import InputError
+from roslf_design.evaluation.specification import specification
 from roslf_design.optimization import Constraint
 from roslf_design.reporting.story import _builds_alone
 from roslf_design.theory.focused import is_focused
@@ -201,9 +202,10 @@ def test_a_real_lens_is_missed_in_its_own_numbers(tmp_path, capsys):
     dark = 'name = "n"\nfields = ["centre", ["60 mm", "0 mm"]]\n'  # no light comes so far aside
     study = (tmp_path / "study.toml").read_text().replace('name = "n"\n', dark)
     (tmp_path / "study.toml").write_text(study)
-    assert main(["tolerance", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out")]) == 2
-    assert "goals: fill_factor@1: the nominal design has no value there" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
+    for command, out in (("tolerance", "out"), ("report", "out"), ("datasheet", "out.pdf")):
+        assert main([command, str(tmp_path / "study.toml"), "-o", str(tmp_path / out)]) == 2
+        assert "goals: fill_factor@1: the nominal design has no value there" in capsys.readouterr().err
+        assert not (tmp_path / out).exists()
     (tmp_path / "study.toml").write_text(f"trials = 16\nsobol_samples = 0\n{study}fields = [0]\nmax = 0.2\n")
     assert main(["tolerance", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out")]) == 0
     assert capsys.readouterr().err.startswith("roslf: the nominal design itself misses fill_factor@0: its builds")
@@ -383,9 +385,13 @@ def test_metrics_at_a_distance_are_those_of_each_build_alone(name):
     builds = evaluate_builds(plan.question, values, 4)
     for build in range(4):
         one = design_built(plan.question.design, {place: float(at[build]) for place, at in values.items()})
-        alone = [float(QUANTITIES[metric](Camera.of(one), mm)) for metric, mm in DISTANCES.items()]
-        # Depth is taken from series through builds that are alike.
-        assert builds[1:, build] == pytest.approx(alone, rel=1e-3)
+        alone = {metric: float(QUANTITIES[metric](Camera.of(one), mm)) for metric, mm in DISTANCES.items()}
+        if name == "paper-singlet":  # by rays
+            alone["field_half_width_mm"] = specification(one, 40.0).object_field[-1].width_mm / 2
+        # Depth is taken from series through builds that are alike; fields change as the thin-lens model's.
+        near = {metric: pytest.approx(value, rel=1e-3) for metric, value in alone.items()}
+        near["field_half_width_mm"] = pytest.approx(alone["field_half_width_mm"], rel=1e-2)
+        assert dict(zip(DISTANCES, builds[1:, build].tolist(), strict=True)) == near
 
 
 def test_a_goal_at_a_distance_decides_the_yield_and_has_its_sensitivities():

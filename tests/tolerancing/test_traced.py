@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 from roslf_design._arrays import sunflower
 from roslf_design.camera import Camera
 from roslf_design.design import load
+from roslf_design.evaluation.specification import specification
 from roslf_design.fates import ImageFate
 from roslf_design.lenses.prescription import first_order
 from roslf_design.reporting.story import _run_tolerances
@@ -342,21 +343,50 @@ def test_a_study_says_what_goes_by_a_formula_behind_a_real_lens():
         assert any("undistorted_field_mm is not traced behind the real lens" in w for w in warnings) == behind
 
 
-def test_a_nominal_design_s_miss_says_that_it_is_the_thin_twin_s():
+def test_a_study_has_at_nominal_what_evaluate_traces():
+    """What no rays tell says that it is the thin-lens model's."""
     data = {
         "name": "n",
         "trials": 64,
         "sobol_samples": 0,
         "perturb": [{"place": "sensor.distance", "tolerance": "1 um"}],
     }
-    data["goals"] = [{"metric": "field_of_view_deg", "min": 60}, {"metric": "outer_diameter_mm", "max": 1}]
+    data["goals"] = [
+        {"metric": "field_of_view_deg", "min": 60},
+        {"metric": "hyperfocal_mm", "max": 1},
+        {"metric": "outer_diameter_mm", "max": 1},
+        {"metric": "mtf50_lp_per_mm", "at": "200 mm", "min": 1},
+    ]
     for design, behind in (("paper-singlet", True), ("paper", False)):
         plan = plan_from({**data, "design": design})
-        view, diameter = plan.nominal_misses()
-        nominal = float(QUANTITIES["field_of_view_deg"](Camera.of(plan.question.design)))
-        assert view == "field_of_view_deg" + f" ({nominal:.4g} of the thin-lens model)" * behind
-        assert diameter == "outer_diameter_mm"
-        assert plan.of_thin_twins == ("field_of_view_deg",) * behind
+        view, sharp, diameter = plan.nominal_misses()
+        sheet = specification(design, 200.0)
+        nominal = float(QUANTITIES["hyperfocal_mm"](Camera.of(plan.question.design)))
+        assert sharp == "hyperfocal_mm" + f" ({nominal:.4g} of the thin-lens model)" * behind
+        assert (view, diameter) == ("field_of_view_deg", "outer_diameter_mm")
+        assert plan.of_thin_twins == ("hyperfocal_mm",) * behind
+        assert [column.label for column in plan.by_rays] == ["field_of_view_deg", "mtf50_lp_per_mm at 200 mm"] * behind
+        values = dict(zip((column.label for column in plan.columns), plan.nominal.tolist(), strict=True))
+        assert values["field_of_view_deg"] == pytest.approx(sheet.field_of_view_deg[0].diagonal, rel=1e-12)
+        (detail,) = (r for r in sheet.resolution if r.at_mm == 200 and r.image == "refocused" and r.x_ml_mm == (0, 0))
+        assert values["mtf50_lp_per_mm at 200 mm"] == pytest.approx(
+            detail.mtf50_lp_per_mm, rel=1e-12 if behind else 1e-7
+        )
+
+
+def test_angles_of_builds_are_those_of_each_traced_alone():
+    """To a twentieth of what the thin-lens model errs: so many times its own."""
+    goals = [{"metric": "field_of_view_deg", "min": 1}, {"metric": "field_half_width_mm", "min": 1}]
+    plan = plan_from({"name": "n", "design": "paper-singlet", "grade": "precision", "goals": goals})
+    values = plan.draws.values(plan.draws.deviations(plan.draws.uniforms(0, 64)[:, :8]))
+    found = evaluate_builds(plan.question, values, 8)
+    for build in range(8):
+        alone = as_built(plan.question.design, {place: float(numbers[build]) for place, numbers in values.items()})
+        sheet = specification(alone)
+        traced = sheet.field_of_view_deg[0].diagonal, sheet.object_field[1].width_mm / 2
+        for value, own, name in zip(found[:, build], traced, ("field_of_view_deg", "field_half_width_mm"), strict=True):
+            thin = float(QUANTITIES[name](Camera.of(alone)))
+            assert abs(value - own) < 0.05 * abs(thin - own)
 
 
 def test_images_partly_out_of_the_lenss_sight_are_those_of_each_build_traced_alone():

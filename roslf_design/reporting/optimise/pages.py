@@ -246,7 +246,7 @@ def _reached(result: Result, take: str = "best") -> str:
         unit = result.robust.unit
     elif take != "best" and result.ranking is not None:
         ranked = result.ranking.best[int(take.removeprefix("parts-")) - 1]
-        problem, unit = result.ranking.combinations.problem_at(ranked.number), ranked.search.unit
+        problem, unit = ranked.problem, ranked.search.unit
     return ", ".join(f"{goal.label} = {goal.with_unit(problem.number(goal, unit), 5)}" for goal in answer.asked.goals)
 
 
@@ -288,8 +288,9 @@ def _about_trace(retrace: Retrace) -> Statement:
     """Statement about the fields traced behind a real lens, and how well the optimum's own trace agrees."""
     folded = ", ".join(f"{x:g}, {y:g} mm" for x, y in retrace.folded)
     text = (
-        f"Behind the real lens ({retrace.lens}) what is asked at a field was traced at every design tried, the rest "
-        "follows from the lens's focal length and principal planes. "
+        f"Behind the real lens ({retrace.lens}) what is asked at a field was traced at every design tried; angles of "
+        "view, fields and detail where searches ended, elsewhere they are as many times the thin-lens model's; the "
+        "rest follows from the lens's focal length and principal planes. "
         f"Traced again on its own, the optimum's goals and limits differ by up to {retrace.moved:.1g}"
     )
     if folded:
@@ -522,7 +523,7 @@ def _parts(ranking: Ranking) -> Table:
     problem = ranking.combinations.problem
     rows = []
     for place, ranked in enumerate(ranking.best, 1):
-        own = ranking.combinations.problem_at(ranked.number)
+        own = ranked.problem
         values = own.named(ranked.search.unit)
         goals = [f"{own.number(goal, ranked.search.unit):.4g}" for goal in own.goals]
         rows.append(

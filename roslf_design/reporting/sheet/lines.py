@@ -180,9 +180,7 @@ class BuildSpread(NamedTuple):
         """Sentences on what is required and no limit of the study holds, or holds with the builds' own values."""
         lacking = [one.label for one in required if not is_limited(self.final, one)]
         otherwise = [
-            f"{one.label} ({'lengths as drawn' if one.thin_twin is None else 'of the thin-lens model'})"
-            for one in required
-            if one.label not in lacking and not of_builds(one)
+            f"{one.label} (lengths as drawn)" for one in required if one.label not in lacking and not of_builds(one)
         ]
         left_out = f"{OWN_LIMITS}{listed(lacking)}, as required. " if lacking else ""
         return left_out + (f"{OWN_VALUES}{listed(otherwise)}. " if otherwise else "")

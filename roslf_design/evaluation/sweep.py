@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -18,10 +19,11 @@ from ..camera import Camera
 from ..design import PATHS, Design
 from ..errors import InputError, expect
 from ..options import Distance, one_distance
-from .focused import refuse_focused
-from .limits import as_design
-from .quantities import quantities_of_cameras, thin_lens_note
-from .quantity_table import QuantityTable
+from ..theory.focused import refuse_focused
+from ..theory.limits import as_design
+from ..theory.quantities import quantities_of_cameras, thin_lens_note
+from ..theory.quantity_table import QuantityTable
+from .specification import FieldImages
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +91,8 @@ class Sweep:
         return f" {units.pop()}".rstrip() if len(units) == 1 else ""
 
 
+MOST_TRACED = 500
+"""Points that are traced; of more, which would take minutes, the thin-lens model tells."""
 LOOKED_AT = 12
 """Points without a camera that are asked why."""
 
@@ -100,6 +104,8 @@ def sweep(
     at: Distance | Sequence[Distance] | None = None,
 ) -> Sweep:
     """Quantities over one or two numbers of a design, all points at once.
+
+    Behind a real lens up to `MOST_TRACED` points are traced, one after the other, for what `evaluate` tells by rays.
 
     Parameters
     ----------
@@ -148,12 +154,27 @@ def sweep(
         for quantity in known:
             each = np.broadcast_to(quantity(camera, at if quantity.at != "never" else None), camera.shape)
             values[quantity.name] = np.where(valid, each, np.nan).reshape(shape)
+    by_rays = [quantity for quantity in known if quantity.of_rays is not None and design.main_lens.kind.mounted]
+    few = len(valid) <= MOST_TRACED
+    for k in np.flatnonzero(valid) if by_rays and few else ():
+        point = {PATHS.get(place, place): float(values.ravel()[k]) for place, values in zip(axes, grid, strict=True)}
+        try:
+            shown = FieldImages.of(design.replace(point))
+        except InputError:  # what its rays meet cannot be built
+            shown = None
+        for quantity in by_rays:
+            told = math.nan if shown is None else shown.told(quantity, at)
+            if told is not None:
+                values[quantity.name].flat[k] = told
     units = {quantity.name: quantity.unit for quantity in known}
     units |= {place: unit_of(place) for place in axes}
     follows = follower([PATHS.get(place, place) for place in axes])
     here = Camera.of(design)
     own = tuple(float(here[PATHS.get(place, place)]) for place in axes)
-    return Sweep(axes, values, units, valid.reshape(shape), follows, at, own, thin_lens_note([design], values))
+    note = thin_lens_note([design], values, traced=few)
+    if by_rays and not few:
+        note += f" (a sweep of up to {MOST_TRACED} points, too)"
+    return Sweep(axes, values, units, valid.reshape(shape), follows, at, own, note)
 
 
 UNITS = {
