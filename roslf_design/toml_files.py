@@ -28,7 +28,7 @@ FROM_ZERO = {"greater_than": "must be greater than zero", "greater_than_equal": 
 BOUNDS = {"greater_than": "above", "greater_than_equal": "at least", "less_than": "below", "less_than_equal": "at most"}
 """Words for a bound, by the kind of fault and as pydantic calls it."""
 ELSEWHERE = {
-    "quantity": "metric", "metric": "quantity", "glass": "material", "material": "glass", "lambda": "wavelength",
+    "metric": "quantity", "glass": "material", "material": "glass", "lambda": "wavelength",
     "resolution": "pixels", "pixel_size": "pixel", "position": "distance", "qe": "quantum_efficiency",
     "fov": "field_of_view_deg", "dof": "depth_of_field_far_mm", "mtf": "mtf50_lp_per_mm",
 }  # fmt: skip

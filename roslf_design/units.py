@@ -67,6 +67,13 @@ FARTHEST = {
 }
 """Limits that no quantity of a camera exceeds, in its base unit: a plane in focus at infinity may be written as 1e12 m.
 """
+_CELSIUS, _FAHRENHEIT, _KELVIN = (1.0, 0.0), (5 / 9, -160 / 9), (1.0, -273.15)
+SCALES = {
+    **dict.fromkeys(("c", "celsius"), _CELSIUS),
+    **dict.fromkeys(("f", "fahrenheit"), _FAHRENHEIT),
+    **dict.fromkeys(("k", "kelvin"), _KELVIN),
+}
+"""Scales of temperature by their names: size of a degree, and the zero [degrees C]."""
 COLDEST, HOTTEST = -60.0, 150.0
 """Between which cameras are used, stored and sterilised [degrees C]."""
 SHORTEST = 1e-12
@@ -135,7 +142,7 @@ def parse_quantity(text: object, dimension: str, *, unit_required: bool = True, 
         raise ValueError(f'"{text}" has no unit; write e.g. "{number} {lacking}"')
     factor = UNITS[dimension].get(given)
     if factor is None:
-        raise ValueError(f'"{text}": {_about_unit(given, dimension)}')
+        raise ValueError(f'"{text}": {_about_unit(given, dimension, float(number))}')
     value = float(number)
     if math.isfinite(value) and value:  # decimals reach no further than floats
         value = float(Decimal(number) * factor / UNITS[dimension][unit or _BASE[dimension]])
@@ -190,7 +197,10 @@ def within_reach(value: float, dimension: str, text: object = None) -> float:
     raise ValueError(f'"{text or format_quantity(value, dimension)}" is beyond {most}; write what the camera has')
 
 
-def _about_unit(unit: str, dimension: str) -> str:
+def _about_unit(unit: str, dimension: str, number: float) -> str:
+    scale = SCALES.get(unit.lower().removeprefix("deg").removeprefix("°"))
+    if scale is not None and dimension == "temperature":
+        return f'temperatures are written in degC; write "{number * scale[0] + scale[1]:.6g} degC"'
     for other, known in UNITS.items():
         if unit in known and other != dimension:
             article = "an" if dimension[0] in "aeiou" else "a"

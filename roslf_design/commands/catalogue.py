@@ -18,11 +18,11 @@ from .terminal import Json, Repeated, json_text, say
 
 SHOWN: dict[Kind, tuple[str, ...]] = {
     "lenses": ("diameter", "clear_aperture", "focal_length", "prescription"),
-    "microlens_arrays": ("pitch", "focal_length", "effective_focal_length", "size"),
+    "microlens_arrays": ("pitch", "layout", "lens_shape", "focal_length", "effective_focal_length", "size"),
     "sensors": ("pixel", "pixels", "size", "colours", "acceptance"),
     "windows": ("material", "diameter", "clear_aperture", "thickness"),
 }
-"""Columns of each kind."""
+"""Columns of each kind, but those in which no part has anything."""
 TRACED = [name.upper() for name in shipped_names()]
 """Lenses that ship with their surfaces."""
 
@@ -60,7 +60,8 @@ def catalogue(
     notes: list[str] = []
     for name in KINDS:
         lines, own = [], [row for row in chosen if row["kind"] == name]
-        units = {key: _unit(own, key) for key in SHOWN[name]}
+        shown = [key for key in SHOWN[name] if any(row.get(key) is not None for row in own)]
+        units = {key: _unit(own, key) for key in shown}
         for row in own:
             read = " ".join(filter(None, (row.get("page"), f"read {row['read']}" if "read" in row else "")))
             note = "; ".join(filter(None, (row["provenance"], read, row.get("remark"))))
@@ -68,10 +69,10 @@ def catalogue(
                 note += "; clear aperture taken as 90 % of the diameter"
             if note not in notes:
                 notes.append(note)
-            cells = [_cell(row, key, units[key]) for key in SHOWN[name]]
+            cells = [_cell(row, key, units[key]) for key in shown]
             lines.append((row["part"], row.get("maker", ""), *cells, row["confidence"], str(1 + notes.index(note))))
         if lines:
-            heads = ("part", "maker", *(key.replace("_", " ") for key in SHOWN[name]), "confidence", "note")
+            heads = ("part", "maker", *(key.replace("_", " ") for key in shown), "confidence", "note")
             print_table(Table(tuple(lines), "l" * len(heads), heads, name.replace("_", " ")), console)
     print()
     for number, note in enumerate(notes, 1):

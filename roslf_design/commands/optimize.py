@@ -13,7 +13,18 @@ from ..optimization.study import load_study, run
 from ..reporting.optimise.pages import optimisation_pictures, optimization_report
 from ..reporting.printers import page_files
 from .results import print_titled
-from .terminal import Json, Output, check_options, json_text, listed, say, status_and_bars, typed, write_files
+from .terminal import (
+    Json,
+    Output,
+    check_options,
+    check_study,
+    json_text,
+    listed,
+    say,
+    status_and_bars,
+    typed,
+    write_files,
+)
 
 
 def optimize(
@@ -44,6 +55,7 @@ def optimize(
         check_accuracy(accuracy, QUICK, "limits are held to 1e-9 of themselves")
     posed = load_study(study, seed, accuracy)
     check_options(folder=output, title=posed.table.name)
+    check_study(output, posed.table.name, study.name)
     with status_and_bars("optimize") as tell:
         try:
             result = run(posed, tell)
@@ -51,7 +63,7 @@ def optimize(
             raise error if error.origin else InputError(error.problems, str(study)) from None
     report = optimization_report(result, typed("optimize", study, output=output, seed=seed, accuracy=accuracy))
     files = {
-        "results.json": f"{json_text(result.to_dict(timings=False))}\n".encode(),
+        "results.json": f"{json_text(result.to_dict(timings=False) | {'file': study.name})}\n".encode(),
         **{name: dumps(design, WRITTEN).encode() for name, design in result.designs()},
         **{f"{name}.png": picture.to_png() for name, picture in optimisation_pictures(result).items()},
         **page_files(report),

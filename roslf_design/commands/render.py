@@ -5,10 +5,11 @@ from __future__ import annotations
 import json as json_module
 import math
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 from pydantic import Field
@@ -124,9 +125,9 @@ def render(
     piece = None if options.region is None else parse_region(options.region)
     check_options(seed)
     targets = [] if plan_only else _targets(output, [path.stem for path in scene or []] or ["white"])
-    for target in targets:
+    for target, each in zip(targets, scenes, strict=False):  # none of a plan
         check_target(target)
-        _check_owner(target, loaded.name)
+        _check_owner(target, loaded.name, each.model_dump(mode="json", exclude_defaults=True))
         if preview and (blocked := in_the_way(_preview_of(target))):
             raise refusal("output", blocked)
     began = time.perf_counter()
@@ -210,14 +211,20 @@ def _targets(output: Path | None, names: list[str]) -> list[Path]:
     return [folder / f"{name}.tif" for name in names]
 
 
-def _check_owner(target: Path, design: str) -> None:
-    """Refuse to write an image over one of another design, or over what no image of a design lies beside."""
+def _check_owner(target: Path, design: str, scene: Mapping[str, Any]) -> None:
+    """Refuse to write an image over one of another design or scene, or over what no image lies beside."""
     if not target.exists():
         return
     held = ""
     with suppress(OSError, ValueError, LookupError, TypeError):
-        held = str(json_module.loads(target.with_suffix(".json").read_bytes())["design"]["name"])
-    check_owner(target, held, design)
+        data = json_module.loads(target.with_suffix(".json").read_bytes())
+        held = f"{data['design']['name']}, {_called(data['scene'])}"
+    check_owner(target, held, f"{design}, {_called(scene)}")
+
+
+def _called(scene: Mapping[str, Any]) -> str:
+    """Name of a scene or, without one, what is in it."""
+    return str(scene.get("name") or " and ".join(each["kind"] for each in scene.get("objects", ())))
 
 
 def _preview_of(target: Path) -> Path:

@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -257,6 +257,15 @@ def check_page(path: Path, title: str | None) -> None:
         check_owner(path, _page_title(content), title)
     if content.startswith(b"%PDF") and content.count(b"%%EOF") > 1:
         raise refusal("output", f"{path} was signed or marked since it was written; {OTHER_PLACE}")
+
+
+def check_study(folder: Path, name: str, file: str) -> None:
+    """Refuse a folder with results of a study of that name from another file, as of one that was copied."""
+    results, own = folder / "results.json", f"{name} in {file}"
+    held = own  # where there is nothing, or an older one that does not say its file
+    with suppress(OSError, ValueError, LookupError, TypeError):
+        held = "{study} in {file}".format(**json.loads(results.read_bytes()))
+    check_owner(results, held, own)
 
 
 def check_owner(path: Path, held: str | None, owner: str | None) -> None:

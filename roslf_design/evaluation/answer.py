@@ -77,8 +77,8 @@ MEANT = (
     "finest that the refocused image shows as what it is, with half its contrast or more."
 )
 """Caption of it."""
-EVEN = 0.5
-"""Share of the middle's light from which the corner is evenly lit: one stop."""
+STOP = 0.5
+"""Share of the middle's light in the corner, one stop less, below which it is said what brings it up to that."""
 SHARES = np.linspace(0.0, 1.0, 101)
 """Shares of the field whose corners' light is looked at."""
 SMALLER = 1.05
@@ -111,7 +111,7 @@ class FirstAnswer:
     """Share that the field's angle before the bore and the lens's mapping alone leave; the rest is the size of what is
     lit of images."""
     corner_evened_by: str
-    """Ways to even that, each with what it brings, in words; empty where it is even."""
+    """Ways to even that, each with what it brings, in words; empty where it is less than a stop."""
     outer_diameter_mm: float
     """Tube that the design states, wider where parts and walls need it; else the narrowest about the optics."""
     outer_diameter_about: str
@@ -242,17 +242,17 @@ def _corner_light(images: IdealImages | DesignImages, field: int) -> tuple[float
 
 
 def _evened_by(shown: FieldImages, field: int) -> str:
-    """Ways to light the corner, one of the fields, as `EVEN` has it, with the figures of the cameras that have them.
+    """Ways to light the corner, one of the fields, up to `STOP`, with the figures of the cameras that have them.
 
     The FAP limits light in the scene, and so its angle there counts: no place of the exit pupil changes that.
     """
     design, images, camera = shown.design, shown.images, shown.images.camera
     light, level = _corner_light(images, field)
-    if light >= EVEN:
+    if light >= STOP:
         return ""
     narrower = images_of(design, SHARES[:, np.newaxis] * images.fields[field])
     lit = np.ravel(QUANTITIES["relative_illumination"].at_fields(narrower))
-    dark = int(np.argmax(lit < EVEN * lit[0]))  # the corner is, against the middle
+    dark = int(np.argmax(lit < STOP * lit[0]))  # the corner is, against the middle
     view = FieldOfView.of(images_of(design, shown.ends.fields * SHARES[dark - 1]), None)
     sides = {"": view.diagonal, "width_": view.width, "height_": view.height}
     least = [
@@ -266,7 +266,7 @@ def _evened_by(shown: FieldImages, field: int) -> str:
     by_angle = math.isclose(level, camera.mapping.light(slope), rel_tol=1e-9)  # and by no rays of a real lens
     if by_angle and not camera.mapping.words:
         barrel = float(angle_map("f theta", 1.0).light(F_TAN.angle(slope)))
-        if barrel * light >= EVEN * level:
+        if barrel * light >= STOP * level:
             ways.append(f"an objective that draws the same field barrel-shaped (f theta leaves {100 * barrel:.3g} %)")
     sentences = (
         "no place of the exit pupil evens it" if by_angle else "",

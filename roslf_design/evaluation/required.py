@@ -221,9 +221,9 @@ def missed_words(required: Sequence[Requirement]) -> str:
     return ", ".join(f"{one.label} {one.value_words} ({one.limits})" for one in required if not one.met)
 
 
-def limits_for_study(design: Design, name: str = "quantity") -> tuple[dict[str, Any], ...]:
-    """Limits of a design's `[required]` as tables of a study's file, the quantity's name under the key `name`."""
-    return tuple({name: asked.quantity, **asked.limits()} for asked in design.required)
+def limits_for_study(design: Design) -> tuple[dict[str, Any], ...]:
+    """Limits of a design's `[required]` as tables of a study's file."""
+    return tuple({"quantity": asked.quantity, **asked.limits()} for asked in design.required)
 
 
 def _slip_of_unit(asked: Required, low: float | None, high: float | None, value: float, unit: str) -> str:

@@ -27,7 +27,7 @@ from ..theory.quantities import QUANTITIES
 from ..theory.quantity import FEASIBLE
 from ..theory.stop_images import MicrolensImages
 from ..words import length, listed, number, on_side, percent, place, the
-from .answer import EVEN, FirstAnswer
+from .answer import STOP, FirstAnswer
 from .fields import Place, default_fields, field_openings
 from .groups import Field, Numbers, RealLens, Verdict
 from .remedies import ways_of
@@ -38,10 +38,14 @@ OVERLAP_SLACK, GAP_SLACK = 0.01, 0.05
 """Slacks as shares of the pitch, where that allows more: overlap mixes views, a gap only wastes pixels."""
 NEIGHBOURS = 3.0
 """Microlenses across, so that one has a neighbour on either side, without which nothing is matched."""
+EVEN = math.sqrt(STOP)
+"""Share of the middle's light, half a stop less, from which the corner is evenly lit."""
 DIM = 0.2
 """Share of the middle's light, more than two stops less, from which the corner is not too dark."""
 CUT = 0.8
 """Part of its images below which cuts, not the field's angle, are what darkens the corner."""
+FLAT_FIELD = "a flat-field correction of pictures evens it"
+"""Remedy of a corner that is less than a stop darker."""
 UNCUT, CUT_IN_IT = "microlens images uncut over the field", "microlens images cut in the field"
 """The paper's undistorted field, or not, in words that no picture's distortion is taken for."""
 SHARP = 0.5
@@ -305,8 +309,9 @@ def lit(answer: FirstAnswer) -> Verdict:
     stops += " stop" if stops == "1" else " stops"
     text = f"{share}, {stops} {'less' if light < 1 else 'more'}: {answer.light_words}"
     noise = f"noise there counts {light**-0.5:.2g} times as much; " if light < 1 else ""
-    cut = light < CUT * answer.corner_slant
-    ways = "free the images from what cuts them (the field's verdict says what)" if cut else answer.corner_evened_by
+    ways = answer.corner_evened_by or FLAT_FIELD
+    if light < CUT * answer.corner_slant:
+        ways = "free the images from what cuts them (the field's verdict says what)"
     if light > 1:
         ways = "a smaller sensor, or a lens that keeps the pupil's size over the field, evens it"
     return Verdict(name, False, "limit" if light >= DIM else "fault", text, f"{noise}{ways}")

@@ -247,7 +247,7 @@ def _limits(options: Options) -> tuple[MetricGoal, ...]:
     rows = zip(named, *(options.get(f"limit_{part}") or [""] * len(named) for part in parts), strict=False)
     asked = [(name, zip(parts, ends, strict=True)) for name, *ends in rows if name]
     return tuple(
-        MetricGoal(metric=name, **{end: _number_or_text(text) for end, text in ends if text.strip()})
+        MetricGoal(quantity=name, **{end: _number_or_text(text) for end, text in ends if text.strip()})
         for name, ends in asked
     )
 

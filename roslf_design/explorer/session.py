@@ -143,7 +143,8 @@ class Session:
                 known = _tried(lambda: depth_known(source), depth_unknown)
             verdicts = {
                 "glance": _tried(lambda: glance(source.evaluation), lambda why: []),
-                "glance_of": _tried(lambda: source.counted, lambda why: ""),
+                "glance_of": _tried(lambda: source.lens_words("field and light traced"), lambda why: ""),
+                "rays_of": _tried(lambda: source.lens_words("traced"), lambda why: ""),
                 "lights": _tried(lambda: shown_lights(source), lambda why: [unknown("Verdicts", why)]),
                 "fixes": self._fixes(),
             }
@@ -152,7 +153,7 @@ class Session:
             **header(self._history),
             **controls(self.state),
             **looked_at(self.state, self._look),
-            **(verdicts or {"glance": [], "glance_of": "", "lights": [], "fixes": []}),
+            **(verdicts or {"glance": [], "glance_of": "", "rays_of": "", "lights": [], "fixes": []}),
             "depth_known": known,
             "space": space,
             **{f"{kind}_run": summary(self._runs.get(kind), self.design, self._wrong.get(kind, "")) for kind in KINDS},

@@ -139,7 +139,7 @@ def _label(column: str) -> str:
 def _limit_words(limit: MetricGoal) -> str:
     """A limit in a sentence."""
     ends = {"at least": limit.min, "at most": limit.max}
-    column = Column(limit.metric, None, limit.at)
+    column = Column(limit.quantity, None, limit.at)
     told = [f"{word} {end:.4g} {column.quantity.unit}".strip() for word, end in ends.items() if end is not None]
     return f"{_label(column.label)} {listed(told)}"
 

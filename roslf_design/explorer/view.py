@@ -118,12 +118,11 @@ class PictureSource:
                 return None if traced is None else traced.x_ml_max_mm
         return None
 
-    @property
-    def counted(self) -> str:
-        """Lens that main numbers are of, in few words; empty of an ideal one."""
+    def lens_words(self, traced: str) -> str:
+        """Lens that numbers are of, in few words, `traced` once a real one has been; empty of an ideal one."""
         if self.real is self.design:
             return ""
-        return "thin lens; tracing ..." if self.provisional else "field and light traced"
+        return "thin lens; tracing ..." if self.provisional else traced
 
     @cached_property
     def place(self) -> tuple[float, float]:
@@ -164,6 +163,8 @@ class _Drawing(NamedTuple):
     """Takes the inputs, then the size."""
     run: str = ""
     """Kind of run among whose results it stands; empty of a drawing of the design itself."""
+    traced: bool = False
+    """Whether it is of a real lens's rays, once they are traced."""
 
 
 def _rows(make: Callable[[Any, Size], Picture]) -> Callable[[Any, Size], Picture]:
@@ -214,7 +215,7 @@ DRAWINGS = {
     ),
     "effects": _Drawing(
         "depth", "Effects against their budgets", (520, 420), lambda s: (s.evaluation.effects,),
-        lambda effects, size: effects_budget(effects, (size[0], math.inf)),
+        lambda effects, size: effects_budget(effects, (size[0], math.inf)), traced=True,
     ),
     "measured-profile": _of("measure", "Depth measured along a row", (520, 440), profile, tab="depth"),
     "measured-errors": _of("measure", "Errors of the depths measured", (520, 440), normalised, tab="depth"),
@@ -242,7 +243,7 @@ def with_cards(template: str) -> str:
 
     def card(name: str, drawing: _Drawing) -> str:
         picture = f"picture_{name.replace('-', '_')}"
-        shown = f'v-show="{picture}"' if drawing.run else ':lens="lens_name"'
+        shown = f'v-show="{picture}"' if drawing.run else ':lens="lens_name"' + ' :words="rays_of"' * drawing.traced
         drawn = f'<rx-picture name="{name}" :svg="{picture}"></rx-picture>'
         return f'<rx-card name="{name}" label="{escape(drawing.label)}" {shown}>{drawn}</rx-card>'
 
@@ -508,6 +509,10 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
         text += f" The bound holds out to {short(ends, 3)} of {short(last, 3)} mm on the array; beyond, {causes}"
         unknown = not math.isfinite(curve.sigma[-1])
         text += ", to nothing at the corner." if unknown else f", to {short(curve.sigma[-1], 3)} mm at the corner."
+        tone = "caution"
+    if source.real is not design and any(v.name == "sharp_over_field" for v in source.evaluation.verdicts):
+        there = short(source.evaluation.answer.corner_lp_per_mm or 0.0, 2)
+        text += f" Off the axis that is the thin lens's: the real one is not sharp there, {there} lp/mm at the corner."
         tone = "caution"
     if assumed is not None and budget.largest.name != NOISE:
         text += f" More light hardly helps: {budget.largest.name} rules."

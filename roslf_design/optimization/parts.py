@@ -279,7 +279,8 @@ class _ArrayPart(Entry):
         if any(have < need * (1 - SAME) for have, need in zip(self.size, needed, strict=True)):
             lacks.append(f"only {' x '.join(map(length, self.size))}")
         lengths = ("pitch", self.pitch, mla.pitch), ("focal length", self.focal, design.f_ml)
-        return _Unlike(lengths, tuple(lacks))
+        larger = any(have > side * (1 + SAME) for have, side in zip(self.size, mla.size, strict=True))
+        return _Unlike(lengths, tuple(lacks), beyond="cut to size" if larger and self.cut else "")
 
 
 class _SensorPart(Entry):
@@ -322,7 +323,9 @@ class _SensorPart(Entry):
             lacks.append(f"only {self.pixels[0]} x {self.pixels[1]} px")
         if self.colours is not None and self.colours != design.sensor.colours:
             lacks.append(PIXEL_FILTERS[self.colours].words)
-        return _Unlike((("pixel", self.pixel, design.sensor.pixel),), tuple(lacks), short)
+        (across, up), (wide, high) = design.pixels, self.pixels
+        read = f"{across} x {up} of its {wide} x {high} px read" if (wide, high) != (across, up) else ""
+        return _Unlike((("pixel", self.pixel, design.sensor.pixel),), tuple(lacks), short, read)
 
     @property
     def row(self) -> dict[str, Any]:

@@ -250,7 +250,7 @@ def quick_study(design: Design, seed: int = 0) -> dict[str, Any]:
         "seed": seed,
         "fields": [[f"{x!r} mm", f"{y!r} mm"] for x, y in default_fields(design)],
         "report": ["fill_factor", "kept_fraction", "sigma_z_mm"],
-        "goals": [{"metric": "centre_error_px", "max": CENTRE}],
+        "goals": [{"quantity": "centre_error_px", "max": CENTRE}],
         "compensators": [{"place": "calibration"}],
         "sobol_samples": 0,
         "keep_worst": 0,
@@ -269,7 +269,7 @@ def quick_study(design: Design, seed: int = 0) -> dict[str, Any]:
             "sigma_z_mm": {"max": (1 + DEPTH) * abs(nominal)},
         }
         at = {} if column.field is None else {"fields": [column.field]}
-        goals.append({"metric": column.metric, **limits[column.metric], **at})
+        goals.append({"quantity": column.metric, **limits[column.metric], **at})
     return data | {"goals": goals, "report": []}
 
 

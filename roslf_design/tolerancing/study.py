@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -59,6 +60,8 @@ MOST_MEMORY, SOBOL_ROWS = 1 << 30, 600
 
 FIELD_NAMES = ("centre", "edge", "corner")
 """Fields of what the sensor sees, as `roslf evaluate` takes them."""
+SAME_PLACE = 1e-9
+"""Distance below which two fields are one [mm]."""
 FORMAT = 10
 """Raised when the same plan would give other bytes; part of the digest that guards a resumed run."""
 TIED = ": "
@@ -95,16 +98,22 @@ def _widths(text: str | float | None, places: tuple[str, ...], design: Design | 
 def _field_place(value: Any, info: ValidationInfo) -> Any:
     if value in FIELD_NAMES:
         return value
-    if not isinstance(value, (list, tuple)) or len(value) != 2:
+    place = (value, 0) if isinstance(value, str) and re.search(r"\d", value) else value
+    if not isinstance(place, (list, tuple)) or len(place) != 2:
         raise ValueError(
-            f'{value!r} is no field; write {", ".join(FIELD_NAMES)} or a place on the array ["2 mm", "0 mm"]'
+            f"{value!r} is no field; write {', '.join(FIELD_NAMES)}, a length along x, or a place on the array "
+            '["2 mm", "0 mm"]'
         )
-    return tuple(read_quantity(one, "length", unit_required=in_file(info)) for one in value)
+    return tuple(read_quantity(one, "length", unit_required=in_file(info)) for one in place)
+
+
+def _field_or_index(value: Any, info: ValidationInfo) -> Any:
+    return value if isinstance(value, int) and not isinstance(value, bool) else _field_place(value, info)
 
 
 def _metric(name: str) -> str:
     if name not in METRICS:
-        raise ValueError(f"'{name}' is no metric; {nearest(name, METRICS)}")
+        raise ValueError(f"'{name}' is no quantity of builds; {nearest(name, METRICS)}")
     return name
 
 
@@ -113,7 +122,7 @@ def _metric_anywhere(name: str) -> str:
 
 
 FieldPlace = Annotated[Any, BeforeValidator(_field_place)]
-"""A name of `FIELD_NAMES`, or (x, y) on the array [mm]."""
+"""A name of `FIELD_NAMES`, or (x, y) on the array [mm]; a single length lies along x."""
 
 
 class Perturb(StrictTable):
@@ -149,45 +158,50 @@ class Group(StrictTable):
 class MetricGoal(StrictTable):
     """A limit. A build passes when all its goals hold, at all their fields; what is undefined does not hold."""
 
-    metric: Annotated[str, AfterValidator(_metric_anywhere)]
+    quantity: Annotated[str, AfterValidator(_metric_anywhere)]
     at: Length | None = None
     """Ahead of the bore's tip [mm], of the whole camera; at the fields, or at the focal plane, where left out."""
     min: float | None = None
     max: float | None = None
-    """In the unit of the metric's name, or text with a unit."""
-    fields: tuple[int, ...] | None = None
-    """Indices into the study's fields; all where left out."""
+    """In the unit of the quantity's name, or text with a unit."""
+    field: FieldPlace | None = None
+    """Microlens that it is asked for; all of the study's fields where left out."""
+    fields: tuple[Annotated[Any, BeforeValidator(_field_or_index)], ...] | None = None
+    """Several of them; a whole number is the index of one of the study's fields, from 0."""
 
     @model_validator(mode="before")
     @classmethod
-    def _by_number(cls, data: Any) -> Any:
-        told = data.get("fields", ()) if isinstance(data, dict) else ()
-        if isinstance(data, dict) and ("field" in data or any(isinstance(one, str) for one in told)):
-            raise ValueError("a goal counts the study's fields, which hold places, from 0: fields = [0] is the first")
+    def _by_its_former_name(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "metric" in data and "quantity" not in data:
+            return {"quantity" if key == "metric" else key: value for key, value in data.items()}
         return data
 
     @field_validator("min", "max", mode="before")
     @classmethod
     def _read(cls, value: Any, info: ValidationInfo) -> float | None:
-        metric = info.data.get("metric")
-        return (
-            value
-            if value is None or metric is None
-            else Column(metric, None, info.data.get("at")).quantity.limit(value)
-        )
+        name = info.data.get("quantity")
+        return value if value is None or name is None else Column(name, None, info.data.get("at")).quantity.limit(value)
 
     @model_validator(mode="after")
     def _bounded(self) -> MetricGoal:
         if self.min is None and self.max is None:
-            raise ValueError(f"{self.metric} has no limit; give min, max or both")
-        quantity = Column(self.metric, None, self.at).quantity
+            raise ValueError(f"{self.quantity} has no limit; give min, max or both")
+        quantity = Column(self.quantity, None, self.at).quantity
         if fault := quantity.fault_of_distance(self.at):
             raise ValueError(fault)
-        if self.at is not None and self.fields is not None:
-            raise ValueError(f"{self.metric} at a field is not asked for at a distance; drop at or fields")
+        if self.at is not None and self.asked is not None:
+            raise ValueError(f"{self.quantity} at a field is not asked for at a distance; drop at or field")
+        if self.field is not None and quantity.local is None:
+            raise ValueError(f"{self.quantity} is one number for the whole field; drop field")
         if fault := quantity.fault_of_limits(self.min, self.max):
-            raise ValueError(f"{self.metric}: {fault}")
+            raise ValueError(f"{self.quantity}: {fault}")
         return self
+
+    @property
+    def asked(self) -> tuple[Any, ...] | None:
+        """Fields that it is asked for, places or indices into the study's; None for all of these."""
+        one = () if self.field is None else (self.field,)
+        return (*one, *(self.fields or ())) or self.fields
 
 
 class Compensate(StrictTable):
@@ -262,10 +276,10 @@ class Study(StrictTable):
         if goals and not info.data.get("required"):
             return goals
         design = _design(info)
-        asked = () if design is None else limits_for_study(design, "metric")
+        asked = () if design is None else limits_for_study(design)
         if not asked and not goals:
             raise ValueError(
-                "a study needs at least one [[goals]] with a metric and a limit, or a design with [required], whose "
+                "a study needs at least one [[goals]] with a quantity and a limit, or a design with [required], whose "
                 "limits it takes where [[goals]] are left out"
             )
         return (*goals, *asked) if isinstance(goals, (list, tuple)) else goals
@@ -561,15 +575,14 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
         problems.append(Problem("trials", f"{study.trials} would take days and weeks; ask for {MOST_TRIALS} at most"))
     if study.sampling == "sobol" and study.trials > 2**BITS:
         problems.append(Problem("trials", f"a Sobol sequence has {2**BITS} points; ask for fewer, or sample at random"))
-    if len(study.fields) > MOST_FIELDS:
-        problems.append(Problem("fields", f"{len(study.fields)} are too many; ask for {MOST_FIELDS} at most"))
-    named = dict(zip(FIELD_NAMES, default_fields(design), strict=True))
-    fields = tuple(named[item] if isinstance(item, str) else (float(item[0]), float(item[1])) for item in study.fields)
-    metrics = tuple(dict.fromkeys([*(goal.metric for goal in study.goals if goal.at is None), *study.report]))
-    distant = dict.fromkeys(Column(goal.metric, None, goal.at) for goal in study.goals if goal.at is not None)
+    fields, asked = _fields_of(study, design)
+    if len(fields) > MOST_FIELDS:
+        problems.append(Problem("fields", f"{len(fields)} are too many; ask for {MOST_FIELDS} at most"))
+    metrics = tuple(dict.fromkeys([*(goal.quantity for goal in study.goals if goal.at is None), *study.report]))
+    distant = dict.fromkeys(Column(goal.quantity, None, goal.at) for goal in study.goals if goal.at is not None)
     question = Question(design, metrics, fields, distance, tuple(distant))
     problems += focus_faults(design, *dict.fromkeys(c.metric for c in question.columns if c.quantity.of_views))
-    perturbations = _perturbations(study, design, grades, problems)
+    perturbations = _perturbations(study, design, grades, len(fields), problems)
     members = {line.group for line in study.perturb}
     problems += [
         Problem("groups", f"'{group.name}' has no member; name it as `group` in some [[perturb]]")
@@ -580,17 +593,17 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
     groups = dict.fromkeys(p.group for p in perturbations if p.group)
     limits = []
     for index, goal in enumerate(study.goals):
-        wanted = None if goal.at is not None or METRICS[goal.metric].local is None else goal.fields
+        wanted = None if goal.at is not None or METRICS[goal.quantity].local is None else asked[index]
         problems += [
-            Problem(f"goals.{index}.fields", f"{field} is no field; they run from 0 to {len(fields) - 1}")
-            for field in wanted or ()
-            if not 0 <= field < len(fields)
+            Problem(f"goals.{index}.fields", f"{field} is no field; they run from 0 to {len(study.fields) - 1}")
+            for field in goal.asked or ()
+            if isinstance(field, int) and not 0 <= field < len(study.fields)
         ]
         low, high = -math.inf if goal.min is None else goal.min, math.inf if goal.max is None else goal.max
         limits += [
             _Limit(number, low, high)
             for number, column in enumerate(question.columns)
-            if (column.metric, column.at) == (goal.metric, goal.at) and (wanted is None or column.field in wanted)
+            if (column.metric, column.at) == (goal.quantity, goal.at) and (wanted is None or column.field in wanted)
         ]
     draws = Draws(
         perturbations,
@@ -630,7 +643,32 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
     )
 
 
-def _perturbations(study: Study, design: Design, grades: Grades, problems: list[Problem]) -> tuple[Perturbation, ...]:
+def _fields_of(study: Study, design: Design) -> tuple[tuple[tuple[float, float], ...], list[list[int]]]:
+    """Places that a study looks at [mm], its own first, and which of them each goal is asked for."""
+    named = dict(zip(FIELD_NAMES, default_fields(design), strict=True))
+
+    def place_of(field: Any) -> tuple[float, float]:
+        x, y = named[field] if isinstance(field, str) else field
+        return float(x), float(y)
+
+    places, chosen = [place_of(field) for field in study.fields], []
+    for goal in study.goals:
+        own: list[int] = []
+        for field in range(len(study.fields)) if goal.asked is None else goal.asked:
+            if isinstance(field, int):
+                own.append(field)
+                continue
+            place = place_of(field)
+            near = [k for k, at in enumerate(places) if math.dist(at, place) < SAME_PLACE]
+            places += [] if near else [place]
+            own.append(near[0] if near else len(places) - 1)
+        chosen.append(own)
+    return tuple(places), chosen
+
+
+def _perturbations(
+    study: Study, design: Design, grades: Grades, fields: int, problems: list[Problem]
+) -> tuple[Perturbation, ...]:
     nominal = nominal_values(design)
     missed = partial(Perturbation, distribution=study.distribution, truncation=study.truncate)
     graded = {}
@@ -648,7 +686,7 @@ def _perturbations(study: Study, design: Design, grades: Grades, problems: list[
     for index, line in enumerate(study.perturb):
         own = _widths(line.tolerance, line.place, design)
         for place in line.place:
-            if place.startswith(LENSLETS) and int(place.split(".")[2]) >= len(study.fields):
+            if place.startswith(LENSLETS) and int(place.split(".")[2]) >= fields:
                 continue  # nobody looks at it
             key = f"perturb.{index}.place"
             if place in given:

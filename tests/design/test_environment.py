@@ -222,7 +222,9 @@ def test_evaluation_tells_the_range():
     ("text", "message"),
     [
         ('temperature = 37', 'has no unit'),
-        ('temperature = "310 K"', "is a unit of temperature difference"),
+        ('temperature = "310 K"', 'write "36.85 degC"'),
+        ('temperature = "5 C"', 'write "5 degC"'),
+        ('temperature = "86 degF"', 'write "30 degC"'),
         ('temperature = "400 degC"', "environment.temperature"),
         ('housing = "aluminum foil"', "is no material with a known expansion; did you mean 'aluminum'?"),
         ('housing = {expansion = "x"}', "per K"),

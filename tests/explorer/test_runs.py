@@ -92,7 +92,7 @@ def test_own_limits_are_those_of_the_yield():
     assert "image centres" not in result.question
     assert f"at least {nominal:.4g} mm" in result.question
     both = read_form(ToleranceRequest, PAPER, limited(rows[0], trials=["64"]))
-    assert (both.only_own, [limit.metric for limit in both.limits]) == (False, ["object_sample_mm"])
+    assert (both.only_own, [limit.quantity for limit in both.limits]) == (False, ["object_sample_mm"])
 
 
 def test_what_a_design_requires_is_what_a_good_build_holds():

@@ -57,7 +57,7 @@ def few_builds(patch):
 
     def without_depth(design, seed=0):
         data = study(design, seed)
-        return data | {"goals": [goal for goal in data["goals"] if goal["metric"] != "sigma_z_mm"]}
+        return data | {"goals": [goal for goal in data["goals"] if goal["quantity"] != "sigma_z_mm"]}
 
     patch.setattr(
         curves, "_depth_curve", lambda design, points=241, *known: over_distance(design, 1 + points // 12, *known)

@@ -300,12 +300,12 @@ def test_the_first_look_holds_builds_to_the_nominal():
     design = load("paper-mismatched")
     goals = quick_study(design)["goals"]
     fill = evaluate(design).f_number.fill_factor
-    own = [goal for goal in goals if goal["metric"] == "fill_factor"]
+    own = [goal for goal in goals if goal["quantity"] == "fill_factor"]
     assert len(own) == 3
     for goal in own:
         # Local image fills of a straight design are the axial one, to rounding.
         assert (goal["min"], goal["max"]) == pytest.approx(((1 - FILL) * fill, (1 + FILL) * fill), rel=1e-9)
-    assert {"metric": "centre_error_px", "max": CENTRE, "fields": [0]} in goals
+    assert {"quantity": "centre_error_px", "max": CENTRE, "fields": [0]} in goals
     plan, *_ = tolerance_plan(quick_study(design), design)
     assert plan.passes(plan.nominal[:, None]).all()
 

@@ -100,7 +100,7 @@ def test_every_fault_is_told_at_once_with_the_nearest_name():
         }
     )
     assert "did you mean 'grade'" in found["grad"]
-    assert "did you mean 'fill_factor'" in found["goals.0.metric"]
+    assert "did you mean 'fill_factor'" in found["goals.0.quantity"]
     assert "give min, max or both" in found["goals.1"]
     assert "did you mean 'aperture.tilt'" in found["perturb.0.place"]
     assert "this is a length" in found["perturb.1.tolerance"]
@@ -124,8 +124,10 @@ def test_every_fault_is_told_at_once_with_the_nearest_name():
         ({"grade": None}, "perturb", "nothing is perturbed"),
         ({"goals": [{"metric": "fill_factor", "min": 2, "max": 1}]}, "goals.0", "swap"),
         ({"goals": [{"metric": "fill_factor", "min": 1, "fields": [7]}]}, "goals.0.fields", "run from 0 to 2"),
-        ({"goals": [{"metric": "fill_factor", "min": 1, "fields": ["0 mm"]}]}, "goals.0", "from 0: fields = [0]"),
-        ({"goals": [{"metric": "fill_factor", "min": 1, "field": "0 mm"}]}, "goals.0", "from 0: fields = [0]"),
+        ({"goals": [{"metric": "mismatch_px", "quantity": "mismatch_px", "min": 1}]}, "goals.0.metric", "is called"),
+        ({"goals": [{"quantity": "fill_factor", "min": 1, "field": "rim"}]}, "goals.0.field", "a length along x"),
+        ({"goals": [{"quantity": "light_sr", "min": 1, "field": "0 mm"}]}, "goals.0", "one number for the whole field"),
+        ({"goals": [{"quantity": "u_z_mm", "max": 1, "at": "1 mm", "field": "0 mm"}]}, "goals.0", "drop at or field"),
         ({"groups": [{"name": "barrel"}]}, "groups", "has no member"),
         ({"perturb": [{"place": "sensor.tilt"}]}, "perturb.0.place", "does not cover it"),
         ({"perturb": [{"place": "d_3"}, {"place": "aperture.distance"}]}, "perturb.1.place", "twice"),
@@ -138,6 +140,21 @@ def test_every_fault_is_told_at_once_with_the_nearest_name():
 def test_faults_between_tables(change, key, words):
     data = {name: value for name, value in {**GOOD, **change}.items() if value is not None}
     assert words in faults(data)[key]
+
+
+def test_goals_are_asked_for_as_in_optimise_studies_and_by_their_former_keys():
+    """Quantity and field, a length or a place, each a column of its own; the former keys give the same plan."""
+
+    def limited(*goals):
+        plan = plan_from({**GOOD, "goals": list(goals)})
+        return plan.question.fields, [plan.columns[limit.column].label for limit in plan.limits]
+
+    fill = {"quantity": "fill_factor", "min": 0.9}
+    fields, labels = limited({**fill, "field": ["3 mm", "1 mm"]}, {"quantity": "mismatch_px", "max": 1.0})
+    assert (fields[3], labels) == ((3.0, 1.0), ["fill_factor@3", *(f"mismatch_px@{k}" for k in range(3))])
+    former = limited({"metric": "fill_factor", "min": 0.9, "fields": [0]})
+    assert limited({**fill, "field": "0 mm"}) == limited({**fill, "fields": ["centre"]}) == former
+    assert limited({**fill, "fields": ["corner", "2 mm"]})[1] == ["fill_factor@2", "fill_factor@3"]
 
 
 def test_a_study_of_ones_own_grades_and_design_beside_it(tmp_path):
@@ -419,8 +436,7 @@ def test_a_goal_at_a_distance_decides_the_yield_and_has_its_sensitivities():
         ({"metric": "virtual_depth", "max": 5}, 'virtual_depth needs a distance ahead of the tip; write e.g. at = "40'),
         ({"metric": "sigma_z_mm", "at": 15, "max": 5}, "unit"),
         ({"metric": "sigma_z_mm", "at": "-15 mm", "max": 5}, "greater than zero"),
-        ({"metric": "sigma_z_mm", "at": "15 mm", "fields": [0], "max": 5}, "drop at or fields"),
-        ({"quantity": "sigma_z_mm", "max": 5}, "called metric here"),
+        ({"metric": "sigma_z_mm", "at": "15 mm", "fields": [0], "max": 5}, "drop at or field"),
     ],
 )
 def test_distances_of_goals_are_checked_as_those_of_requirements(goal, said):

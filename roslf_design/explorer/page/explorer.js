@@ -356,7 +356,7 @@
   // Behind a real lens: what is drawn, or computed, for its thin-lens model all the same.
   const Twin = {
     props: ["lens", "words"],
-    template: `<span v-if="lens" class="twin" :title="'For an ideal thin lens of the same focal length and diameter, depth in temperature by the glass of ' + lens + ', which itself is traced for the verdicts above, field and light at a glance, reports and tolerance runs.'">{{ words || 'thin lens' }}</span>`,
+    template: `<span v-if="lens" class="twin" :title="words === 'traced' ? 'With what rays through ' + lens + ' show.' : 'For an ideal thin lens of the same focal length and diameter, depth in temperature by the glass of ' + lens + ', which itself is traced for the verdicts above, effects, field and light at a glance, reports and tolerance runs.'">{{ words || 'thin lens' }}</span>`,
   };
 
   const Glance = {
@@ -368,11 +368,11 @@
   };
 
   const Card = {
-    props: ["name", "label", "files", "lens"],
+    props: ["name", "label", "files", "lens", "words"],
     setup() { return { fetchFile, fetchPng }; },
     template: `
 <section class="card" :class="'card-' + name" :aria-label="label">
-  <div class="card-head"><h2>{{ label }} <rx-twin :lens="lens"></rx-twin></h2><slot name="tools"></slot>
+  <div class="card-head"><h2>{{ label }} <rx-twin :lens="lens" :words="words"></rx-twin></h2><slot name="tools"></slot>
     <span v-if="files !== false" class="files"><button type="button" :aria-label="label + ' as SVG'" @click="fetchFile(name + '.svg')">SVG</button><button type="button" :aria-label="label + ' as PNG'" @click="fetchPng(name)">PNG</button></span></div>
   <slot></slot>
 </section>`,

@@ -41,14 +41,14 @@ def glance(design: Design, views: bool, known: KnownLengths = DRAWN) -> Figure:
     system = meridional(design, (PAGE, 210.0), key=False)
     parts = [microlens_image(design, (0.0, 0.0), (270.0, low), name="glance-image", key=False)]
     across, up = system.mapping.per_px
-    above = f"Above: the camera and {ray_words(design)}, {scale_words(across / up)}."
+    above = f"Above, {scale_words(across / up)}: the camera and {ray_words(design)}."
     words = f"{above} Below: the image that the middle microlens paints"
     if views:
         parts.append(depth_precision(design, (PAGE - 270.0, low), known))
         words += ", and depth, expected, over the working range and the distances required, with its bound"
     below = beside("glance-below", "", parts)
     picture = beside("glance", f"{design.name} at a glance", (system, below), down=True)
-    return Figure.of("glance", "At a glance", f"{words}.", picture)
+    return replace(Figure.of("glance", "At a glance", f"{words}.", picture), breaks=0.0)
 
 
 def _ray_sheet(design: Design, result: Evaluation) -> Figure:

@@ -91,8 +91,8 @@ def _catalogue_match(
     if best is None:
         return "the catalogue has none", None
     if same:
-        beyond = f", {unlike[best.part].beyond}" if unlike[best.part].beyond else ""
-        return f"the same as {_name(best)}{beyond}", best
+        beyond = unlike[best.part].beyond
+        return f"{_name(best)}, {beyond}" if beyond else f"the same as {_name(best)}", best
     if unlike[best.part].size > FAR:
         return "to be made; the catalogue has nothing near", None
     return f"to be made; nearest is {_name(best)}: {', '.join(unlike[best.part].words)}", best

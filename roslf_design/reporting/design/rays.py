@@ -79,9 +79,10 @@ def _labelled_fans(design: Design) -> list[_LabelledFan]:
 
 
 def ray_words(design: Design) -> str:
-    """Fields whose rays a section shows, with their colours, for a drawing without a key."""
-    labels = ("centre", "edge", "corner") if is_centred(design) else ("centre", "edge +x", "edge -x")
-    return "rays of " + listed([f"{label} ({colour})" for label, colour in zip(labels, FIELDS, strict=True)])
+    """Fields whose rays a section shows, with their colours, and what stops others, for a drawing without a key."""
+    drawn = _labelled_fans(design.thin_twin.with_own_stop)
+    rays = "rays of " + listed([f"{fan.label} ({colour})" for fan, colour in zip(drawn, FIELDS, strict=True)])
+    return rays if all(fan.kept.all() for fan in drawn) else f"{rays}; dashed orange ones end, with a cross, at a stop"
 
 
 def _medium_label(design: Design) -> str:

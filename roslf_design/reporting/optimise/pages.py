@@ -394,7 +394,7 @@ def _change(result: Result) -> Iterator[Figure]:
             reached = goal.with_unit(answer.number(goal), 4)
             moved.append(f"{in_words(goal.label)} {goal.with_unit(old, 4)} → {reached}")
     moved += [f"{name} {number(was[name], 4)} → {number(values[name], 4)} mm" for name in values if name in was]
-    caption = f"The camera and {ray_words(after)}, {', '.join(scales)}. What changed: {'; '.join(moved)}."
+    caption = f"The camera, {', '.join(scales)}, and {ray_words(after)}. What changed: {'; '.join(moved)}."
     of_camera = {one: float(np.ravel(one.values(camera))[0]) for one in answer.asked.constraints if one.field is None}
     missed = [
         f"{in_words(str(one))}: {number(was, 4)}"

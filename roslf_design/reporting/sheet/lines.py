@@ -108,8 +108,8 @@ class _SheetLine(NamedTuple):
     """The quantity that a tolerance study tells the scatter of."""
     text: str = ""
     """Instead of a number."""
-    of: Callable[[Camera], float] | None = None
-    """Function for the value of one build, where the line is no quantity of a whole camera but at a distance or a
+    of: Callable[[Camera], Array] | None = None
+    """Function for the values of builds, where the line is no quantity of a whole camera but at a distance or a
     field."""
 
     @property
@@ -127,10 +127,10 @@ class _SheetLine(NamedTuple):
         """Key of the line's scatter."""
         return self.quantity or f"{self.subject}: {self.name}"
 
-    def values(self, builds: Camera, most: int | None = None) -> Array:
-        """Values of builds one after the other, of the first `most` where that is given; NaN where there is none."""
+    def values(self, builds: Camera) -> Array:
+        """Values of builds; NaN where there is none."""
         assert self.of is not None
-        return np.array([self.of(builds.build(k)) for k in range(builds.shape[0])[:most]])
+        return np.broadcast_to(self.of(builds), builds.shape)
 
 
 class BuildSpread(NamedTuple):
@@ -145,7 +145,7 @@ class BuildSpread(NamedTuple):
     def deviations(self, rows: Iterable[_SheetLine]) -> dict[str, float]:
         """Standard deviations by a line's key: over all builds where the study has it, or over the first of them."""
         deviations = {column.label: column.deviation for column in self.final.distributions}
-        builds, good = first_builds(self.plan, MANY)
+        (builds, good), (some, _) = (first_builds(self.plan, count) for count in (MANY, FEW))
         images: dict[tuple[Place, Place], MicrolensImages] = {}
         for line in rows:
             if line.key in deviations or not (line.quantity or line.of):
@@ -158,7 +158,7 @@ class BuildSpread(NamedTuple):
                         images[line.of.ends] = first_builds(self.plan, FEW, line.of.ends)[0]
                     values = line.of.over(images[line.of.ends])
                 else:
-                    values = line.values(builds.camera, FEW)
+                    values = line.values(some.camera)
             values = values[good[: values.size]]
             if values.size > 1 and np.isfinite(values).all():  # an end at infinity, or none, has no spread
                 deviations[line.key] = float(np.std(values, ddof=1))
@@ -294,7 +294,7 @@ def _lines(
         at = f"{what}, {number(row.at_mm, 4)} mm ahead ({row.plane}), {aside}"
         dark = "" if row.usable_lp_per_mm is not None else "dark or folded" if traced else "dark"
         axial = focal and centre and row.image == "refocused"
-        of = None if axial or dark or traced else partial(_resolution, row, focal)
+        of = None if axial or dark or traced else partial(_each, partial(_resolution, row, focal))
         limit = "mtf50_lp_per_mm" if row.limited_by == "contrast" else "fold_lp_per_mm"
         remark, own = "" if dark else row.remark, limit if axial else ""
         yield _SheetLine("Resolution", at, row.usable_lp_per_mm, "lp/mm", remark, own, dark, of)
@@ -436,12 +436,17 @@ def _depth_lines(sheet: Specification, traced: bool) -> Iterator[_SheetLine]:
         )  # fmt: skip
 
 
-def _at_field(quantity: Quantity, place: Place, camera: Camera) -> float:
-    return float(np.ravel(quantity.at_fields(MicrolensImages(camera, [place])))[0])
+def _at_field(quantity: Quantity, place: Place, camera: Camera) -> Array:
+    return np.asarray(quantity.at_fields(MicrolensImages(camera, [place])))[0]
 
 
-def _at_distance(quantity: Quantity, at: float | None, factor: float, camera: Camera) -> float:
-    return factor * float(quantity(camera, at))
+def _at_distance(quantity: Quantity, at: float | None, factor: float, camera: Camera) -> Array:
+    return np.asarray(factor * quantity(camera, at))
+
+
+def _each(value: Callable[[Camera], float], camera: Camera) -> Array:
+    """Value of one build after the other."""
+    return np.array([value(camera.build(k)) for k in np.ndindex(camera.shape)]).reshape(camera.shape)
 
 
 def _resolution(row: Resolved, focal: bool, camera: Camera) -> float:
@@ -474,9 +479,9 @@ class _Corner:
         middle, corner = np.broadcast_to(values, (2, *(images.camera.shape or (1,))))
         return np.asarray(self.factor * corner / (middle if self.against else 1.0))
 
-    def __call__(self, camera: Camera) -> float:
-        """Value of one build behind an ideal lens."""
-        return float(self.over(MicrolensImages(camera, self.ends))[0])
+    def __call__(self, camera: Camera) -> Array:
+        """Values of builds behind an ideal lens."""
+        return self.over(MicrolensImages(camera, self.ends))
 
 
 def _colour_lines(design: Design, colours: tuple[Colour, ...]) -> Iterator[_SheetLine]:
@@ -509,8 +514,8 @@ def _colour_lines(design: Design, colours: tuple[Colour, ...]) -> Iterator[_Shee
     yield _SheetLine(subject, "depth noise, focal plane, all colours", every, "mm", alone, "sigma_z_mm")
 
 
-def _in_green(name: str, factor: float, camera: Camera) -> float:
-    return factor * float(QUANTITIES[name](through_filter(camera, GREEN)))
+def _in_green(name: str, factor: float, camera: Camera) -> Array:
+    return np.asarray(factor * QUANTITIES[name](through_filter(camera, GREEN)))
 
 
 def basis(
@@ -667,7 +672,7 @@ def datasheet_section(grounds: SpreadSources) -> Section:
         "sagittal. On a map lines join equal resolution; a curve is that of every field, as an ideal lens shows them."
     )
     blocks += [
-        Figure.of("mtf", "MTF", curves, mtf_curves(grounds.design)),
+        Figure.of("mtf", "MTF", curves, mtf_curves(grounds.design, grounds.shown.images)),
         Figure.of("resolution-map", "Resolution over distance and field", mapped, resolution_map(grounds.design)),
     ]
     return Section("Data sheet", tuple(blocks))

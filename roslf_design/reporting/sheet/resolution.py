@@ -15,7 +15,7 @@ from ...drawing.theme import SMALL
 from ...evaluation.fields import default_fields
 from ...evaluation.specification import BEYOND, planes
 from ...theory.light import on_array, sensor_field
-from ...traced.fields import images_of
+from ...traced.fields import DesignImages, IdealImages, images_of
 from ..lens_words import lens_words
 
 if TYPE_CHECKING:
@@ -25,19 +25,22 @@ COLOURS = ("blue", "orange", "green")
 WIDTHS = (4.6, 2.8, 1.2)
 """Widths of the lines: where they lie on each other, each shows beside the next."""
 PLACES = ("centre", "edge", "corner")
-COLUMNS, ROWS, ALIKE, DEEP = 15, 13, 0.01, 5.0
+COLUMNS, ROWS, ALIKE, DEEP = 11, 9, 0.01, 5.0
 """Fields and distances of the map; share of detail below which corner and middle show alike; ratio of its far to its
 near end above which distances are drawn logarithmically."""
 EMS = np.array([22.0, 9.0])
 """Numbers of lines that find room beside each other across the map, and above each other."""
 
 
-def mtf_curves(design: Design) -> Picture:
-    """MTF at the focal plane of the centre, the edge and the corner: of the refocused image, and of its middle view."""
-    images = images_of(design, default_fields(design))
+def mtf_curves(design: Design, images: IdealImages | DesignImages | None = None) -> Picture:
+    """MTF at the focal plane of the centre, the edge and the corner: of the refocused image, and of its middle view.
+
+    `images` are the design's there, where they are known.
+    """
+    images = images_of(design, default_fields(design)) if images is None else images
     transfers = [images.transfer(k, None) for k in range(len(PLACES))]
     fold = min(transfer.fold("tangential") for transfer in transfers)
-    detail = np.linspace(0.0, 2.4 * fold, 73)
+    detail = np.linspace(0.0, 2.4 * fold, 49)
     pictures = []
     for kind, title in (("refocused", "refocused image"), ("view", "a single view")):
         marks: list[Mark] = [Line([0.0, detail[-1]], [level, level], "grey", 1.0, "2 3") for level in (0.5, 0.1)]
