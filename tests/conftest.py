@@ -27,7 +27,7 @@ settings.register_profile("explore", deadline=None, max_examples=2000)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 from roslf_design.bench import reference  # noqa: E402
-from roslf_design.calibration import corners, outcome, raw  # noqa: E402
+from roslf_design.calibration import corners, outcome, planning, raw  # noqa: E402
 from roslf_design.calibration.white_profile import ImageFit  # noqa: E402
 from roslf_design.commands import terminal  # noqa: E402
 from roslf_design.depth import measure  # noqa: E402
@@ -117,7 +117,8 @@ def unpredicted(monkeypatch):
 
 @pytest.fixture(scope="module")
 def found_once():
-    """What a module's tests find in the same pixels is found once: lattice, corners, widths of images.
+    """What a module's tests find in the same pixels is found once: lattice, corners, widths of images; and what captures
+    that are planned promise.
 
     Half of the work of a calibration. Clear it where a test looks that twice gives the same.
     """
@@ -134,7 +135,8 @@ def found_once():
 
     with pytest.MonkeyPatch.context() as patch:
         places = [(module, "find_centres") for module in (outcome, raw, reference)]
-        for place, name in (*places, (corners, "find_corners"), (corners, "fit_saddles"), (ImageFit, "of")):
+        places += [(corners, "find_corners"), (corners, "fit_saddles"), (ImageFit, "of"), (planning, "expected_errors")]
+        for place, name in places:
             patch.setattr(place, name, remembered(getattr(place, name)))
         yield known
 

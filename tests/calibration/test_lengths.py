@@ -20,6 +20,7 @@ from roslf_design.theory.length_covariance import LengthCovariance
 from roslf_design.tolerancing.study import plan_from, tolerance_plan
 from roslf_design.tolerancing.trials import first_builds, lengths_built
 
+pytestmark = pytest.mark.usefixtures("found_once")
 WINDOWED = roslf.load("paper").replace({
     "object_space.medium": "water",
     "elements": [{"kind": "plate", "distance": 130.0, "thickness": 1.0, "material": "sapphire"}],

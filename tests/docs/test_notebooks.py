@@ -11,7 +11,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "docs/_ext"))
 from cells import code_cells, run, run_notebook
 from page_blocks import blocks, pictures
 
-from tests.reporting.made import few_builds, few_waves
+from roslf_design.tolerancing import budgets
+from tests.reporting.made import few_builds, few_waves, without_figures
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
@@ -26,8 +27,12 @@ def printed(outputs):
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_shows_what_is_stored_in_it(path, tmp_path, monkeypatch):
     few_builds(monkeypatch)  # of reports; no notebook prints what their first look at tolerances says
+    without_figures(monkeypatch)  # nor does anybody look at those that reports draw
     if path.stem == "calibrate":  # which prints lengths alone
         few_waves(monkeypatch)
+    elif path.stem == "tolerances":  # which prints yields, sensitivities and spreads
+        monkeypatch.setattr(budgets, "MOST_TRIALS", 64)
+        monkeypatch.setattr(budgets, "FRESH", 1)
     monkeypatch.chdir(tmp_path)
     plt.close("all")  # figures that other tests left open would be shown below a cell
     for cell, outputs in run_notebook(path):

@@ -25,6 +25,7 @@ from roslf_design.reporting.sheet.lines import CalibrationSpread, basis
 from roslf_design.reporting.story import _read_story
 from roslf_design.theory.length_covariance import LengthCovariance
 
+pytestmark = pytest.mark.usefixtures("found_once")
 SHARES = {"images": 0.25, "f": 0.7, "q": 0.0, "d": 0.0, "board": 0.0, "systematic": 0.05}
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt">\n<text>ridge</text>\n</svg>'
 
