@@ -117,8 +117,7 @@ def unpredicted(monkeypatch):
 
 @pytest.fixture(scope="module")
 def found_once():
-    """What a module's tests find in the same pixels is found once: lattice, corners, widths of images; and what captures
-    that are planned promise.
+    """What a module's tests find in the same pixels or plan is found once: lattice, corners, widths, errors promised.
 
     Half of the work of a calibration. Clear it where a test looks that twice gives the same.
     """
