@@ -283,10 +283,16 @@ class _Ranker:
         """Search the list's combinations again, thoroughly."""
         polished = []
         for ranked in [each for each in self.best if each.search.merit < self.threshold]:
-            problem = ranked.problem
-            again = searched(problem, ranked.search.unit, self.budget.at_least(1000, 10.0), tolerance=problem.finest)
-            better = again.feasible and again.merit < ranked.search.merit
-            polished.append(Ranked(ranked.number, again, problem) if better else ranked)
+            problem, moved, before = ranked.problem, 0.0, ranked.search
+            for _ in range(MOST_SETTLING):
+                again = searched(problem, before.unit, self.budget.at_least(1000, 10.0), tolerance=problem.finest)
+                if again.feasible and (again.merit < before.merit or moved):
+                    before = again
+                problem, moved = problem.told_by_rays(before.unit)
+                if moved <= FEASIBLE:
+                    break
+            if before.feasible:
+                polished.append(Ranked(ranked.number, before, problem))
         self.best = sorted(polished, key=_order)[: self.keep]
 
 

@@ -18,6 +18,7 @@ from pydantic import Field, StrictBool
 from .._arrays import Array, by_value
 from ..accuracy.statement import Accuracy
 from ..progress import CountedProgress, silent
+from ..theory.quantity import FEASIBLE
 from ..toml_files import StrictTable
 from .conflict import Conflict, explain
 from .goals import Constraint, Goal
@@ -48,8 +49,9 @@ LOOSE = 0.01
 TOUCHING = 1e-6
 """Scaled rows and variables this close to their limit count as on it."""
 
-MOST_SETTLING, SETTLED = 4, 1e-4
-"""Searches after which numbers that rays tell are taken as they are, and how little they then move, relative."""
+MOST_SETTLING, SETTLED = 8, 1e-4
+"""Searches after which numbers that rays tell are taken as they are, and how little they move before that, relative: in
+an answer by no more than `FEASIBLE`."""
 
 Tell = CountedProgress
 
@@ -255,6 +257,36 @@ def settled(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = sil
         if moved <= SETTLED:
             break
     return problem
+
+
+def settled_answer(answer: Answer) -> Answer:
+    """An answer whose numbers of the whole camera are those that rays tell at its very optimum, polished there."""
+    if not answer.feasible or answer.problem is not answer.asked:  # of a lexicographic order, whose stages are solved
+        return answer
+    problem, best, budget = answer.problem, answer.unit, answer.settings.fresh()
+    for _ in range(MOST_SETTLING):
+        problem, moved = problem.told_by_rays(best)
+        if moved <= FEASIBLE:
+            break
+        end = searched(problem, best, budget, answer.settings.evaluations, problem.finest)
+        if not end.feasible:
+            return answer
+        # Where other searches ended, numbers move along.
+        ends = tuple(replace(one, merit=one.merit + end.merit - answer.merit) for one in answer.searches)
+        active, residual = _rests(problem, end.unit)
+        best = end.unit
+        answer = replace(
+            answer,
+            problem=problem,
+            asked=problem,
+            unit=best,
+            merit=end.merit,
+            violation=end.violation,
+            searches=ends,
+            active=active,
+            residual=residual,
+        )
+    return answer
 
 
 def _starts(problem: DesignProblem, settings: Settings) -> list[Array]:

@@ -42,7 +42,7 @@ from .parts import given_by, load_catalogue
 from .problem import DesignProblem, sobol_units, titled
 from .ranking import Ranking, rank
 from .robust import Robust, RobustTable, maximise_robustness, scatter_of
-from .solve import Answer, Settings, SolverTable, Tell, optimum_accuracy, settled, solve
+from .solve import Answer, Settings, SolverTable, Tell, optimum_accuracy, settled, settled_answer, solve
 from .traces import Retrace, faults_behind
 from .variables import NUMBERS, NumberVariable, Variable, lengths_and_numbers, name_faults
 
@@ -419,20 +419,21 @@ def run(study: OptimizeStudy, tell: Tell = silent) -> Result:
             _ = find_glass(name)
     if table.rims:
         answer, bore = solve_through(problem, table.rims, settings, tell)
-        problem = answer.asked
+        problem = posed = answer.asked
     else:
+        posed = problem
         problem = settled(problem, settings, tell)
-        answer = solve(problem, settings, tell)
+        answer = settled_answer(solve(problem, settings, tell))
+        problem = answer.asked
     if answer.feasible and table.pareto is not None:
         goals = [next(goal for goal in problem.goals if goal.quantity.name == name) for name in table.pareto.goals]
         front = pareto_front(problem, goals, table.pareto.points, [answer.unit], settings.fresh(), settings.seed, tell)
     if answer.feasible and table.robust is not None and scatter is not None:
         robust = maximise_robustness(problem, table.robust, scatter, answer.unit, settings.fresh(), tell)
     if table.catalogue is not None:
-        problem = study.problem
-        element = table.catalogue.plate(problem.design)
+        element = table.catalogue.plate(posed.design)
         glasses = table.catalogue.only.get("glasses", ())
-        combinations = Combinations.of(problem, catalogue, table.catalogue.kinds, element, glasses)
+        combinations = Combinations.of(posed, catalogue, table.catalogue.kinds, element, glasses)
         ranking = rank(combinations, table.catalogue.keep, settings.fresh(), settings.seed, tell, settings.starts)
     retrace, part_retraces = None, list[Retrace]()
     if answer.feasible:
