@@ -111,10 +111,12 @@ class Conflict:
 
     @property
     def missed(self) -> str:
-        """Every limit that the least-violating point misses, with what it has there, in words; empty where none."""
+        """Further limits that the least-violating point misses, with what it has there, in words; empty where none."""
+        known = [(one.limit, one.value_words) for one in self.clashing]
         got = [
             f"{one.limit} {number(one.wanted)} {one.unit}".rstrip() + f" (got {one.value_words})"
             for one in self.violations
+            if (one.limit, one.value_words) not in known
         ]
         return f"The least-violating point misses {listed(got)}." if got else ""
 

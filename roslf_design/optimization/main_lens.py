@@ -24,7 +24,7 @@ CUSTOM = ", custom"
 Room = Callable[[Camera, Any], Number]
 """Clearance that is not below 0, of cameras and the `VariedLens` that they stand behind."""
 
-Optimum = Callable[[], tuple[Design, Sequence[tuple[Asked, float]]]]
+Optimum = Callable[[], tuple[Design, Sequence[Asked]]]
 """An optimum, and what the search had for goals and limits."""
 
 

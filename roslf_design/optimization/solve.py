@@ -247,45 +247,29 @@ def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = silen
     return replace(answer, asked=problem, stages=tuple(stages), evaluations=spent, seconds=time.monotonic() - began)
 
 
-def settled(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = silent) -> DesignProblem:
-    """Problem whose numbers of the whole camera are those that rays tell where its optimum lies, as far as they do."""
+def solve_by_rays(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = silent) -> Answer:
+    """`solve`, with what rays tell of the whole camera at the optimum: about first, then polished."""
+    if not problem.by_rays:
+        return solve(problem, settings, tell)
     budget, (unit, *_) = settings.fresh(), _starts(problem, settings)
-    for step in range(MOST_SETTLING if problem.by_rays else 0):
+    for step in range(MOST_SETTLING):
         tell("rays at the optimum", step, MOST_SETTLING)
         unit = searched(problem, unit, budget, settings.evaluations, max(settings.tolerance, problem.finest)).unit
         problem, moved = problem.told_by_rays(unit)
         if moved <= SETTLED:
             break
-    return problem
-
-
-def settled_answer(answer: Answer) -> Answer:
-    """An answer whose numbers of the whole camera are those that rays tell at its very optimum, polished there."""
-    if not answer.feasible or answer.problem is not answer.asked:  # of a lexicographic order, whose stages are solved
-        return answer
-    problem, best, budget = answer.problem, answer.unit, answer.settings.fresh()
-    for _ in range(MOST_SETTLING):
-        problem, moved = problem.told_by_rays(best)
-        if moved <= FEASIBLE:
+    answer = solve(problem, settings, tell)
+    # Of a lexicographic order the stages are solved as they were settled.
+    for _ in range(MOST_SETTLING if answer.feasible and answer.problem is answer.asked else 0):
+        problem, moved = answer.problem.told_by_rays(answer.unit)
+        end = searched(problem, answer.unit, budget, settings.evaluations, problem.finest) if moved > FEASIBLE else None
+        if end is None or not end.feasible:
             break
-        end = searched(problem, best, budget, answer.settings.evaluations, problem.finest)
-        if not end.feasible:
-            return answer
         # Where other searches ended, numbers move along.
         ends = tuple(replace(one, merit=one.merit + end.merit - answer.merit) for one in answer.searches)
         active, residual = _rests(problem, end.unit)
-        best = end.unit
-        answer = replace(
-            answer,
-            problem=problem,
-            asked=problem,
-            unit=best,
-            merit=end.merit,
-            violation=end.violation,
-            searches=ends,
-            active=active,
-            residual=residual,
-        )
+        answer = replace(answer, problem=problem, asked=problem, searches=ends, active=active, residual=residual)
+        answer = replace(answer, unit=end.unit, merit=end.merit, violation=end.violation)
     return answer
 
 

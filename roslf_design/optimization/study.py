@@ -42,8 +42,8 @@ from .parts import given_by, load_catalogue
 from .problem import DesignProblem, sobol_units, titled
 from .ranking import Ranking, rank
 from .robust import Robust, RobustTable, maximise_robustness, scatter_of
-from .solve import Answer, Settings, SolverTable, Tell, optimum_accuracy, settled, settled_answer, solve
-from .traces import Retrace, faults_behind
+from .solve import Answer, Settings, SolverTable, Tell, optimum_accuracy, solve_by_rays
+from .traces import Asked, Retrace, faults_behind
 from .variables import NUMBERS, NumberVariable, Variable, lengths_and_numbers, name_faults
 
 SCHEMA = "roslf.optimization/1"
@@ -421,9 +421,7 @@ def run(study: OptimizeStudy, tell: Tell = silent) -> Result:
         answer, bore = solve_through(problem, table.rims, settings, tell)
         problem = posed = answer.asked
     else:
-        posed = problem
-        problem = settled(problem, settings, tell)
-        answer = settled_answer(solve(problem, settings, tell))
+        posed, answer = problem, solve_by_rays(problem, settings, tell)
         problem = answer.asked
     if answer.feasible and table.pareto is not None:
         goals = [next(goal for goal in problem.goals if goal.quantity.name == name) for name in table.pareto.goals]
@@ -451,13 +449,13 @@ def run(study: OptimizeStudy, tell: Tell = silent) -> Result:
 
 def _optimum(
     problem: DesignProblem, asked: Sequence[Constraint | Goal], unit: NDArray[np.float64]
-) -> tuple[Design, list[tuple[Goal | Constraint, float]]]:
+) -> tuple[Design, list[Asked]]:
     """An optimum as its design file has it, and what the search had for goals and limits."""
     parts = [part for part in asked if part.temperature is None]
-    return problem.design_at(unit), [(part, problem.number(part, unit)) for part in parts]
+    return problem.design_at(unit), [(p.quantity, p.field, p.at, problem.number(p, unit)) for p in parts]
 
 
-def _combination(ranking: Ranking, number: int, tell: Tell) -> tuple[Design, list[tuple[Goal | Constraint, float]]]:
+def _combination(ranking: Ranking, number: int, tell: Tell) -> tuple[Design, list[Asked]]:
     """One of the best combinations of parts, likewise."""
     tell("combinations traced again", number, len(ranking.best))
     ranked = ranking.best[number]

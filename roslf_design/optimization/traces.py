@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -159,36 +159,21 @@ class Retrace:
         return {"lens": self.lens, "method": METHOD, "goals_and_limits": self.moved, "folded_fields_mm": shapeless}
 
 
-class Asked(Protocol):
-    """A quantity that a goal or a limit names, at a field or of the whole camera."""
-
-    @property
-    def quantity(self) -> Quantity:
-        """Quantity asked for."""
-
-    @property
-    def field(self) -> Field | None:
-        """A place on the array."""
-
-    @property
-    def at(self) -> float | None:
-        """Distance ahead of the tip [mm]."""
+Asked = tuple[Quantity, Field | None, float | None, float]
+"""Quantity that is asked for, its field or distance ahead of the tip [mm], and a value."""
 
 
-def retraced(best: Design, asked: Sequence[tuple[Asked, float]]) -> Retrace:
-    """Trace a design as a camera of its own, where the search had one of many.
-
-    `asked` are goals and limits, and what the search had for them.
-    """
+def retraced(best: Design, asked: Sequence[Asked]) -> Retrace:
+    """Trace a design as a camera of its own, where the search had one of many, with what it had for what is asked."""
     assert best.lens is not None
-    at_fields = [(one.quantity, one.field, value) for one, value in asked if one.field is not None]
-    fields = tuple(dict.fromkeys(field for _, field, _ in at_fields)) or ((0.0, 0.0),)
+    fields = tuple(dict.fromkeys(field for _, field, *_ in asked if field is not None)) or ((0.0, 0.0),)
     cameras = Camera.of(best).replace({PATHS["d_2"]: np.array([best.d_2])})
     own = FieldTraces(best, fields, cameras, own=True)
-    again = [(value, float(own.at(quantity, field)[0])) for quantity, field, value in at_fields]
-    shown = FieldImages.of(best)
-    whole = [(value, shown.told(one.quantity, one.at)) for one, value in asked if one.field is None]
-    again += [(value, told) for value, told in whole if told is not None]
+    shown, again = FieldImages.of(best), list[tuple[float, float]]()
+    for quantity, field, at, value in asked:
+        told = shown.told(quantity, at) if field is None else float(own.at(quantity, field)[0])
+        if told is not None:
+            again.append((value, told))
     moved = [abs(a - b) / max(abs(a), abs(b), 1.0) for a, b in again]
     finite = [off for off in moved if np.isfinite(off)]
     shapeless = tuple(field for field, odd in zip(fields, folded(best, fields), strict=True) if odd)

@@ -10,7 +10,7 @@ import roslf_design as roslf
 from roslf_design.cli import main
 from roslf_design.design import preset_path
 from roslf_design.optimization import Constraint, Goal, Settings, solve
-from roslf_design.optimization.solve import settled, settled_answer
+from roslf_design.optimization.solve import solve_by_rays
 from roslf_design.optimization.traces import FieldTraces
 from roslf_design.traced.camera import camera_of, microlenses
 from roslf_design.traced.images import real_images
@@ -116,7 +116,7 @@ def test_a_field_of_the_whole_camera_is_held_as_rays_tell_it():
 
     known = brentq(room, 250, 450, xtol=1e-7)
     settings = Settings(starts=2, check=False)
-    answer = settled_answer(solve(settled(problem, settings), settings))
+    answer = solve_by_rays(problem, settings)
     assert answer.feasible
     assert room(answer.variables()["d_f"]) >= -31e-9
     assert answer.variables()["d_f"] == pytest.approx(known, rel=1e-5)

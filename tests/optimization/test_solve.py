@@ -214,7 +214,7 @@ def test_no_optimum_is_claimed_and_the_smallest_conflict_is_named(refused):
     assert refused.violation > 0.1
     assert refused.conflict.violations
     told = [f"{one.limit} {one.wanted:g} {one.unit}".rstrip() + " (got " for one in refused.conflict.violations]
-    assert all(words in refused.conflict.missed for words in told)
+    assert all(words in f"{refused.conflict.reason} {refused.conflict.missed}" for words in told)
     rows = [way.label for way in refused.conflict.relaxations]
     assert {one.limit for one in refused.conflict.violations} <= set(rows)
     assert len(rows) == len(set(rows))
