@@ -125,11 +125,11 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
         for metric in (METRICS[name] for name in question.metrics):
             rows = 1 if metric.local is None else len(question.fields)
             results[row : row + rows] = (
-                _of_camera(question, metric, builds.camera) if metric.local is None else metric.local(builds)
+                of_cameras(question.design, metric, builds.camera) if metric.local is None else metric.local(builds)
             )
             row += rows
         for column in question.distant:
-            results[row] = _of_camera(question, column.quantity, builds.camera, column.at)
+            results[row] = of_cameras(question.design, column.quantity, builds.camera, column.at)
             row += 1
     if not valid.all():
         results[:, ~valid] = np.nan
@@ -140,9 +140,9 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
     return results
 
 
-def _of_camera(question: Question, quantity: Quantity, camera: Camera, at: float | None = None) -> Array:
+def of_cameras(design: Design, quantity: Quantity, camera: Camera, at: float | None = None) -> Array:
     """A quantity of whole builds, behind a real lens as many times the thin-lens models' as rays tell at nominal."""
-    share = share_by_rays(question.design, quantity.name, at)
+    share = share_by_rays(design, quantity.name, at)
     return quantity(camera, at) * (1.0 if share is None else share)
 
 

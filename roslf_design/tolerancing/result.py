@@ -30,7 +30,7 @@ from ..theory.quantities import QUANTITIES, bound_note
 from ..words import listed, number, uncertainty
 from .budgets import ToleranceBudget, budget
 from .draws import Perturbation
-from .metrics import Column, mount_of
+from .metrics import Column, mount_of, of_cameras
 from .places import Grades, display, in_lens, of_parts, perturbable
 from .sensitivities import (
     LOOSEST,
@@ -274,8 +274,8 @@ def share_that_meets(plan: TolerancePlan, final: Variant, one: Requirement) -> Y
             return limit.result
     builds, good = first_builds(plan, MANY)
     with np.errstate(all="ignore"):  # of builds that are no cameras
-        held = one.holds(QUANTITIES[one.quantity](builds.camera, one.at_mm))
-    return Yield(int(np.broadcast_to(held, good.shape)[good].sum()), int(good.sum()))
+        values = of_cameras(plan.question.design, QUANTITIES[one.quantity], builds.camera, one.at_mm)
+    return Yield(int(np.broadcast_to(one.holds(values), good.shape)[good].sum()), int(good.sum()))
 
 
 def _is_counted(final: Variant, one: Requirement) -> bool:

@@ -9,7 +9,8 @@ from numpy.testing import assert_allclose
 
 from roslf_design._arrays import sunflower
 from roslf_design.camera import Camera
-from roslf_design.design import load
+from roslf_design.design import load, loads, preset_path
+from roslf_design.evaluation.required import required_of
 from roslf_design.evaluation.specification import specification
 from roslf_design.fates import ImageFate
 from roslf_design.lenses.prescription import first_order
@@ -17,8 +18,10 @@ from roslf_design.reporting.story import _run_tolerances
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.metrics import METRICS, Question, builds_of, evaluate_builds, faults_of
 from roslf_design.tolerancing.places import LENS, LENSLETS, load_grades, nominal_values, perturbable
-from roslf_design.tolerancing.run import WorkerSettings, run_trials
-from roslf_design.tolerancing.study import plan_from
+from roslf_design.tolerancing.result import share_that_meets
+from roslf_design.tolerancing.run import WorkerSettings, run_trials, tally_chunk
+from roslf_design.tolerancing.study import plan_from, tolerance_plan
+from roslf_design.tolerancing.summaries import summarise
 from roslf_design.tolerancing.traced import as_built, real_lens_builds
 from roslf_design.tolerancing.trials import one_trial
 from roslf_design.traced.camera import camera_of, microlenses
@@ -465,3 +468,18 @@ def test_blur_through_a_window_is_that_of_the_traced_field():
     blur = evaluate_builds(Question(design, ("blur_pitches",), FIELDS, design.d_f), {}, 1)[:, 0]
     # 200 rays there, 48 by Gauss's rule here.
     assert_allclose(blur, real_field(design, FIELDS).maps.blur / design.d, rtol=0.05)
+
+
+def test_a_yield_of_what_is_required_counts_what_rays_tell():
+    """Required between the thin-lens model's angle and the traced one: every build has it, none by the former."""
+    design = load("paper-singlet")
+    thin = float(QUANTITIES["field_of_view_deg"](Camera.of(design)))
+    traced = specification(design).field_of_view_deg[0].diagonal
+    asked = f"[required]\nfield_of_view_deg = {{min = {(thin + traced) / 2!r}}}\n"
+    design = loads(f"{preset_path('paper-singlet').read_text()}\n{asked}")
+    moved = {"place": "sensor.distance", "tolerance": "1 um"}
+    data = {"name": "n", "design": "d", "perturb": [moved], "goals": [{"metric": "fill_factor", "min": 0.5}]}
+    plan, *_ = tolerance_plan({**data, "trials": 64}, design)
+    (one,) = required_of(design)
+    held = share_that_meets(plan, summarise(plan, tally_chunk(plan, 0))[-1], one)
+    assert (one.met, held.value) == (True, 1.0)
