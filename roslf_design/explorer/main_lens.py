@@ -54,7 +54,7 @@ class _RealLens(_IdealLens):
 
     unsearched = (
         "a real lens is traced for every design that a search tries, which takes minutes and is not done here: save "
-        "the design, name it in a study file, and run `roslf optimize study.toml`"
+        "the design, name it in a study file, and run roslf optimize study.toml"
     )
 
     def evaluation(

@@ -70,7 +70,7 @@ _QUANTITIES = (
     (Illuminance, "illuminance"), (Radiance, "radiance"), (Time, "time"), (Temperature, "temperature"),
 )  # fmt: skip
 _OTHERS = (
-    (Lens, "text or table"), (FieldPlace, "name or [length, length]"), (Material, "name or table"),
+    (Lens, "text or table"), (FieldPlace, "name, length or [length, length]"), (Material, "name or table"),
     (Gradient, "gradient\u00a0>\u00a00"), (Radius, '`"inf"` or length'), (Curvature, "curvature"),
 )  # fmt: skip
 NEEDED, INSTEAD = "needed", "see meaning"

@@ -524,7 +524,7 @@ def test_behind_a_real_lens_the_explorer_tells_what_evaluate_tells(name, warmed)
 
 def test_behind_a_real_lens_no_search_is_offered_and_its_command_is_told():
     session = Session(load("paper-singlet"))
-    assert "`roslf optimize" in session.page()["forms"]["unsearched"]
+    assert "run roslf optimize" in session.page()["forms"]["unsearched"]
     assert not Session(PAPER).page()["forms"]["unsearched"]
 
 

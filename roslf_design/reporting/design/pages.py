@@ -154,7 +154,7 @@ def design_report(
             (*opening, *first, *answer_tables(result, built)),
         ),
         datasheet_section(grounds),
-        Section("The design", (figures["dimensions"], parameters, *_seen(result), *_stops(design))),
+        Section("The design", (parameters, figures["dimensions"], *_seen(result), *_stops(design))),
         parts_section(design),
         Section(
             "Evaluation",

@@ -437,7 +437,8 @@ def _depth_lines(sheet: Specification, traced: bool) -> Iterator[_SheetLine]:
 
 
 def _at_field(quantity: Quantity, place: Place, camera: Camera) -> Array:
-    return np.asarray(quantity.at_fields(MicrolensImages(camera, [place])))[0]
+    (values,) = np.asarray(quantity.at_fields(MicrolensImages(camera, [place])))
+    return np.asarray(values)
 
 
 def _at_distance(quantity: Quantity, at: float | None, factor: float, camera: Camera) -> Array:
@@ -667,13 +668,14 @@ def datasheet_section(grounds: SpreadSources) -> Section:
         "pupil as the stops cut it, at microlenses, their width, the pixel, defocus. Detail beyond the dashed line is "
         "sampled less than twice a period and aliases."
     ) + words.curves
+    drawn = resolution_map(grounds.design)
     mapped = (
         "Detail that the image refocused to each distance shows with half its contrast; the lower of tangential and "
-        "sagittal. On a map lines join equal resolution; a curve is that of every field, as an ideal lens shows them."
+        f"sagittal. {'Lines join equal resolution.' if len(drawn.panels) > 1 else 'It is alike at every field.'}"
     )
     blocks += [
         Figure.of("mtf", "MTF", curves, mtf_curves(grounds.design, grounds.shown.images)),
-        Figure.of("resolution-map", "Resolution over distance and field", mapped, resolution_map(grounds.design)),
+        Figure.of("resolution-map", "Resolution over distance and field", mapped, drawn),
     ]
     return Section("Data sheet", tuple(blocks))
 
