@@ -28,6 +28,8 @@ PLACES = ("centre", "edge", "corner")
 COLUMNS, ROWS, ALIKE, DEEP = 11, 9, 0.01, 5.0
 """Fields and distances of the map; share of detail below which corner and middle show alike; ratio of its far to its
 near end above which distances are drawn logarithmically."""
+ON_CURVE = 33
+"""Distances of a curve in the map's place."""
 EMS = np.array([22.0, 9.0])
 """Numbers of lines that find room beside each other across the map, and above each other."""
 
@@ -81,16 +83,21 @@ def resolution_map(design: Design) -> Picture:
     near, focus, far = (at for _, at in planes(camera))
     ends = float(near), float(min(far, BEYOND * focus))  # farther out hardly anything changes
     deep = ends[1] > DEEP * ends[0]
-    distances = np.geomspace(*ends, ROWS) if deep else np.linspace(*ends, ROWS)
+    spaced = np.geomspace if deep else np.linspace
+    distances = spaced(*ends, ROWS)
     values = np.full((ROWS, COLUMNS), math.nan)
     title, ahead = f"Detail that {design.name} resolves", Scale(*ends, log=deep)
+
+    def shown(column: int, at: np.ndarray) -> np.ndarray:
+        each = (images.transfer(column, far).limits_each_way((0.5,), "refocused") for far in at.tolist())
+        return np.array([min(limit for (limit,) in each_way) for each_way in each])
+
     for column in (0, COLUMNS - 1, *range(1, COLUMNS - 1)):
-        for row, at in enumerate(distances):
-            each_way = images.transfer(column, float(at)).limits_each_way((0.5,), "refocused")
-            values[row, column] = min(limit for (limit,) in each_way)
+        values[:, column] = shown(column, distances)
         if column and (np.ptp(values[:, [0, -1]], axis=1) < ALIKE * values[:, 0]).all():
-            up = Scale(0.0, 1.08 * float(values[:, 0].max()))
-            curve = Line(distances, values[:, 0], "blue", 2.2)
+            finer = spaced(*ends, ON_CURVE)
+            curve = Line(finer, shown(0, finer), "blue", 2.2)
+            up = Scale(0.0, 1.08 * float(np.max(curve.y)))
             panel = Panel((0, 0, 1, 1), ahead, up, (curve,), "ahead of the tip [mm]", "MTF 50 % at [lp/mm]")
             return one_panel("resolution-map", f"{title}, as much at every field", (PAGE, 190), panel, left=64)
     known = values[np.isfinite(values)]
