@@ -49,8 +49,9 @@ SPREADING = 1.9
 """Times fewer, at most, where diffraction spreads each one's light over several pixels."""
 TOGETHER = 8
 """Subpixels along the side of blocks whose rays are spread evenly together."""
-FEWER_SAMPLES = 2
-"""So many times fewer samples along a pixel's side behind a real main lens: they are spread more evenly."""
+FEWER_SAMPLES = 2.0
+"""So many times fewer samples along a pixel's side, at most, behind a real main lens: they are spread more evenly over
+neighbouring pixels, which helps as far as diffraction spreads their light [px]."""
 SCATTER = 0.85
 """Power of the number of rays that what they scatter falls with."""
 DETAIL = 2.5
@@ -98,12 +99,22 @@ def rays_for(camera: Camera, region: Region | None = None) -> int:
     """
     pixels, width = float(camera.q), abs(float(microlens_image_diameter(camera) / camera.q))
     wanted = (float(electrons(camera)) / RAYS_FOR[0] * RAYS_FOR[1] / max(width, 1.0)) ** (0.5 / SCATTER)
-    blur = float(camera.wavelength * camera.seen.d_2 / camera.d) / pixels
+    blur = _blur(camera)
     kept = 1.0 if region is None else MicrolensImages(camera, _looked_at(camera, region)).shapes.kept_fraction.min()
     touching = TOUCHING * abs(float(microlens_image_pitch(camera)))
     wanted *= GAPS if width * pixels * math.sqrt(kept) < touching else 1.0
     some = float(np.clip(RAYS * wanted / np.clip(blur, 1.0, SPREADING), LEAST_RAYS, MOST_RAYS))
     return 1 << (math.ceil(some) - 1).bit_length()
+
+
+def _blur(camera: Camera) -> float:
+    """Width of diffraction at the microlenses [px]."""
+    return float(camera.wavelength * camera.seen.d_2 / camera.d / camera.q)
+
+
+def _samples_along(camera: Camera, rays: int) -> int:
+    """Samples along a pixel's side behind a real main lens, that scatter as so many rays a pixel do."""
+    return math.ceil(math.sqrt(rays) / float(np.clip(_blur(camera), 1.0, FEWER_SAMPLES)))
 
 
 def _looked_at(camera: Camera, region: Region) -> Array:
@@ -178,7 +189,7 @@ class Unexposed(NamedTuple):
         # Rays through elements go as depth has them, however near that is to first order.
         exact = [f"+{PLATE_ABERRATION.name}"] if PLATE_ABERRATION.available(design) else []
         lines = plan(design, scene, Budget(), ["-noise", *SHIFTING, *exact]).without("veil")
-        side = math.ceil(math.sqrt(rays) / FEWER_SAMPLES)
+        side = _samples_along(Camera.of(design.thin_twin), rays)
         sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side, together=TOGETHER)
         # Light is drawn so far around what has to be right, and no microlens of the margin is to be left dark.
         right = framed.region.grown(max(0, framed.margin - transfer.LEAST_HALO)).common(framed.wide)
@@ -306,7 +317,7 @@ class Work(NamedTuple):
         rays = options.rays or rays_for(camera, wide)
         pixels, slower = wide.columns * wide.rows, SLOWER if design.traced_through else 1.0
         if design.thin_twin is not design:
-            rays = math.ceil(math.sqrt(rays) / FEWER_SAMPLES) ** 2
+            rays = _samples_along(camera, rays) ** 2
         each = SECONDS["ray"] * rays * slower * max(1.0, float(QUANTITIES["fill_factor"](camera)) ** 2)
         white = pixels * SECONDS["pixel"] * (slower - 0.9)
         exposure = SECONDS["start"] + pixels * SECONDS["decoded"]

@@ -111,3 +111,19 @@ def test_images_that_stops_cut_get_the_rays_of_gaps():
     camera = Camera.of(PAPER.replace({"main_lens.diameter": 20.0}))
     middle, side = Region(2200, 1440, 200, 200), Region(200, 1440, 200, 200)
     assert rays_for(camera, side) > rays_for(camera, middle) == rays_for(camera)
+
+
+def test_rays_behind_a_lens_scatter_less_than_light_where_images_are_sharper_than_pixels():
+    """Diffraction of half a pixel spreads nothing over others: of a quarter of the samples a wall was 6 % at odds."""
+    sizes = {"microlens_array.size": (0.8, 0.8), "sensor.size": (0.7, 0.7), "aperture.diameter": 2.7}
+    design = load("paper-singlet").replace({
+        "main_lens.prescription": "AC050-008-A", "main_lens.reversed": False, "main_lens.diameter": None,
+        "main_lens.focal_plane": 57.0, "aperture.distance": 1.8, "microlens_array.pitch": 0.03,
+        "microlens_array.focal_length": 0.0925, "sensor.distance": 0.0925, "sensor.pixel": 0.00345, **sizes,
+    })  # fmt: skip
+    camera, (width, height) = Camera.of(design.thin_twin), design.pixels
+    part = (width // 2 - 20, height // 2 - 20, 40, 40)
+    (some,), white = pictures(design, (1,), rays_for(camera), part)
+    (many,), _ = pictures(design, (1,), 32 * rays_for(camera), part)
+    scatter = float(np.sqrt((inner(some - many) ** 2).mean()) / inner(many).mean() * inner(white).mean())
+    assert scatter < 0.2 / np.sqrt(float(electrons(camera)))
