@@ -16,15 +16,35 @@ _TURNS = 6.0
 one place in 1400."""
 
 
-def bent_off(disparity: Array, window: int) -> Array:
-    """Mean of each window of a bent surface less its middle; 0 where it cannot be told.
+def _second_derivatives(disparity: Array, lag: int) -> tuple[Array, Array]:
+    """Second derivatives along u and v by differences over so much `lag`; 0 where a gap lies on either side.
 
-    Of uniform windows of w samples: (w^2 - 1)/24 of the second derivatives, by differences over somewhat less than w.
+    Where one lies on one side, beside a step say, they are those of the other side. Windows' means tell them alike.
     """
-    lag, total = window // 2 + 2, np.zeros(disparity.shape)
-    for part, apart in ((disparity, total), (disparity.T, total.T)):
-        apart[lag:-lag] += part[2 * lag :] + part[: -2 * lag] - 2 * part[lag:-lag]
-    return np.nan_to_num(total) * (window**2 - 1) / 24 / lag**2
+    found = np.full((2, *disparity.shape), np.nan)
+    for each, part in ((found[0], disparity), (found[1].T, disparity.T)):
+        if part.shape[1] <= 2 * lag:
+            continue
+        whole = ndimage.minimum_filter1d(np.isfinite(part).view(np.uint8), 2 * lag + 1, axis=1)[:, lag:-lag] > 0
+        second = part[:, 2 * lag :] + part[:, : -2 * lag] - 2 * part[:, lag:-lag]
+        middle = np.full(part.shape, np.nan)
+        middle[:, lag:-lag] = np.where(whole, second / lag**2, np.nan)
+        each[:] = middle
+        for here, beside in ((np.s_[:, :-lag], np.s_[:, lag:]), (np.s_[:, lag:], np.s_[:, :-lag])):
+            each[here] = np.where(np.isnan(each[here]), middle[beside], each[here])
+    along, down = np.nan_to_num(found)
+    return along, down
+
+
+def window_bends(disparity: Array, window: int, over: Array, under: Array) -> Array:
+    """Excess of windows of a bent surface, at places so far over and under from their middles.
+
+    A plane through the mean, (w^2 - 1)/24 of the second derivatives beside the surface, is carried there.
+    """
+    v, u = np.indices(disparity.shape)
+    middles = v - under.astype(int), u - over.astype(int)
+    along, down = (each[middles] for each in _second_derivatives(disparity, window // 2 + 2))
+    return np.asarray((window**2 - 1) / 24 * (along + down) - (along * over**2 + down * under**2) / 2)
 
 
 def straightened(disparity: Array, window: int, error: float, times: int = 1) -> Array:
@@ -46,7 +66,7 @@ def straightened(disparity: Array, window: int, error: float, times: int = 1) ->
     whole = np.pad(~dark[rim:-rim, rim:-rim], rim)
     if not whole.any():
         return disparity
-    bent = np.where(whole & ~mixed, bent_off(disparity, window), 0)
+    bent = np.where(whole & ~mixed, (window**2 - 1) / 24 * np.add(*_second_derivatives(disparity, lag)), 0)
     total, count = (
         ndimage.uniform_filter(part.astype(float), 2 * window + 1, mode="constant") for part in (bent, whole)
     )

@@ -339,7 +339,7 @@ def measure(
 ) -> Depths:
     """Depth of every microlens of a decoded light field, with its standard error.
 
-    Windows mean a bent surface: of cameras with microlenses what that takes off is given back.
+    Windows mean a bent surface: what that takes off is given back, of views whose noise only they tell with its error.
 
     Parameters
     ----------
@@ -373,7 +373,8 @@ def measure(
     views, disparities = with_shared_light(field, noise, viewing, prepared_views, views, disparities, estimate)
     progress(1.0)
     field, pupil, aside = views
-    if isinstance(geometry, ArrayGeometry) and disparities.begun is not None:  # where all have a disparity
+    bent = isinstance(geometry, ArrayGeometry) and not noise.measured  # else done, with its errors
+    if bent and disparities.begun is not None:  # where all have a disparity
         everywhere = np.where(disparities.begun.dark, np.nan, disparities.begun.disparity)
         bend = straightened(everywhere, disparities.window, disparities.error) - everywhere
         disparities = replace(disparities, disparity=disparities.disparity + bend)

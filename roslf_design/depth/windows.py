@@ -96,6 +96,9 @@ class WindowFit:
     with_u: Array
     """Covariance of the disparity with the slopes."""
     with_v: Array
+    over: Array
+    """How far the microlens lies beside the window's middle along u [samples]."""
+    under: Array
 
     @classmethod
     def of(cls, look: SharedLight, window: int, alone: Flags | None = None) -> WindowFit:
@@ -106,14 +109,14 @@ class WindowFit:
         near, reach = (box(look.terms, window), 0) if alone is None else (look.terms, window // 2)
         some = np.ones(near.shape[1:], np.bool_) if alone is None else alone
         wide = box(look.terms, 3 * window) if alone is None else near[:0]
-        fit = np.empty((13, *near.shape[1:]))
+        fit = np.zeros((15, *near.shape[1:]))
         with THREADS:
             _fit_windows.compiled(near, reach, wide, look.disparity, some, QUORUM * window**2, look.density, fit)
         return cls(*fit)._beside(window // 2) if alone is None else cls(*fit)
 
     @property
     def maps(self) -> Array:
-        """All of them, shape (13, v, u), which they are parts of."""
+        """All of them, shape (15, v, u), which they are parts of."""
         assert self.disparity.base is not None
         return self.disparity.base
 
@@ -121,6 +124,12 @@ class WindowFit:
         """Larger of `chi2` and `strain` against what chance, or `least`, allows: above 1 is at odds."""
         chi2 = self.chi2 / np.maximum(chance(self.free), least)
         return np.maximum(chi2, self.strain / np.maximum(chance(self.spare), least))
+
+    @property
+    def middles(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Rows and columns of the windows' middles."""
+        v, u = np.indices(self.over.shape)
+        return v - self.under.astype(np.int64), u - self.over.astype(np.int64)
 
     def widened(self, alike: Array | float | None) -> Array:
         """Factor by which errors are larger than `sigma`: where noise is as told (None), for what is surely at odds.
@@ -151,12 +160,12 @@ def carried(fit: Array, v: int, u: int, over: int, under: int) -> tuple[float, f
     to_u = fit[8, v, u] * over + fit[9, v, u] * under + 2 * fit[11, v, u]
     to_v = fit[9, v, u] * over + fit[10, v, u] * under + 2 * fit[12, v, u]
     variance = fit[1, v, u] ** 2 + over * to_u + under * to_v
-    return fit[0, v, u] + min(max(change, -0.5), 0.5), math.sqrt(max(variance, 0.0))
+    return fit[0, v, u] + change, math.sqrt(max(variance, 0.0))
 
 
 @kernel(parallel=True)
 def _move_beside(fit: Array, misfit: Array, reach: int, moved: Array) -> None:
-    """Put the best of the windows `reach` aside where one's `misfit` is above 1; shape (13, v, u), as `WindowFit`."""
+    """Put the best of the windows `reach` aside where one's `misfit` is above 1; shape (15, v, u), as `WindowFit`."""
     rows, columns = misfit.shape
     for v in prange(rows):
         for u in range(columns):
@@ -175,6 +184,7 @@ def _move_beside(fit: Array, misfit: Array, reach: int, moved: Array) -> None:
                 moved[0, v, u], moved[1, v, u] = carried(fit, row, column, over, under)
                 moved[11, v, u] += fit[8, row, column] * over + fit[9, row, column] * under
                 moved[12, v, u] += fit[9, row, column] * over + fit[10, row, column] * under
+                moved[13, v, u], moved[14, v, u] = over, under
 
 
 @kernel(parallel=True)
@@ -228,7 +238,7 @@ def _fit_windows(
 ) -> None:
     """Least squares of some windows by the sums of their terms, and of wider ones', if any, where these show a plane.
 
-    Terms are summed here, over so much `reach`. `fit`: the fields of `WindowFit`, shape (13, v, u).
+    Terms are summed here, over so much `reach`. `fit`: the fields of `WindowFit` but the last two.
     """
     rows, columns = disparity.shape
     for v in prange(rows):
@@ -240,7 +250,7 @@ def _fit_windows(
                 add(down[k, a:], 1.0, sums[k])
         for u in range(columns):
             if not some[v, u]:
-                for k in range(13):
+                for k in range(fit.shape[0]):
                     fit[k, v, u] = math.inf if k == 1 else 0.0
                 continue
             near = sums[:, u]
@@ -270,7 +280,7 @@ def _fit_windows(
             to_u = uu * (over - 2 * off_u) + uv * (under - 2 * off_v)
             to_v = uv * (over - 2 * off_u) + vv * (under - 2 * off_v)
             variance += max(over * to_u + under * to_v, 0.0)
-            fit[0, v, u] = value - min(max(across * over + below * under, -0.5), 0.5)
+            fit[0, v, u] = value - across * over - below * under
             fit[1, v, u] = math.sqrt(variance)
             fit[2, v, u] = max(square, 0.0) / max(free - 1, 0.5) if free > 1.5 else 0.0
             fit[3, v, u], fit[4, v, u], fit[5, v, u] = free - 1, own, spare

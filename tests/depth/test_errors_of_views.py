@@ -52,7 +52,7 @@ def test_noise_that_neighbours_share_widens_the_errors_where_it_is_and_not_elsew
     assert wider == pytest.approx(scatter[1] / scatter[0], rel=0.2)
 
 
-def test_a_bend_within_a_window_counts_as_an_error():
+def test_a_bend_within_a_window_is_taken_off_and_half_of_it_counts_as_an_error():
     middle, radius, noise = SIZE[1] / 2, 400.0, 3e-3
 
     def bent(u):
@@ -64,9 +64,8 @@ def test_a_bend_within_a_window_counts_as_an_error():
     found = estimate(views, noise)
     error = (found.disparity - bent(np.arange(SIZE[1])))[inner]
     assert np.isfinite(error).mean() > 0.95
-    # The mean of u^2/(2 r) over 7 samples is 4/(2 r); 30 windows of unlike texture.
-    assert np.nanmedian(error) == pytest.approx(4 / (2 * radius), rel=0.3)
-    # Noise makes half of it: 30 and 65 % would be within one and two of its errors alone.
+    # The mean of u^2/(2 r) over 7 samples is 4/(2 r), as much as noise makes; 30 windows of unlike texture.
+    assert abs(np.nanmedian(error)) < 0.3 * 4 / (2 * radius)
     ratio = np.abs(error / found.sigma[inner])
     assert 0.55 < np.mean(ratio < 1) < 0.8
     assert np.mean(ratio < 2) > 0.9

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from roslf_design.depth.bends import straightened
+from roslf_design.depth.bends import straightened, window_bends
 from roslf_design.depth.estimate import PixelNoise, estimate_disparity
 from roslf_design.depth.geometry import ArrayGeometry
 from roslf_design.depth.measure import measure
@@ -94,3 +94,18 @@ def test_depths_of_a_bent_surface_are_those_at_microlenses():
     depths = measure(ArrayGeometry(load("paper")), field, noise, search=search, viewing=Alone())
     assert (depths.disparities.disparity[middle] - true).mean() == pytest.approx(0, abs=0.0015)
     np.testing.assert_allclose(depths.depth, depths.geometry.depth(depths.disparities.disparity))
+
+
+def test_windows_beside_a_gap_are_bent_as_those_away_from_it():
+    v, u = np.mgrid[:30, :50].astype(float)
+    surface = 0.02 * u - 0.4 + 1e-3 * (u - 20) ** 2 - 2e-3 * (v - 9) ** 2
+    mean = ndimage.uniform_filter(surface, 7)
+    gap, inside = np.where(abs(u - 27) < 2, np.nan, mean), np.pad(np.ones((24, 44)), 3)
+    slope_u, slope_v = np.gradient(mean, axis=1), np.gradient(mean, axis=0)
+    for over, under in ((0, 0), (3, 0), (0, -3), (-3, 3)):
+        carried = mean + over * slope_u + under * slope_v
+        off = carried - np.roll(surface, (-under, -over), (0, 1))  # of the windows about each middle
+        bent = window_bends(gap, 7, over * inside, under * inside)
+        there = np.roll(off, (under, over), (0, 1))
+        for inner in (np.s_[11:-11, 13:23], np.s_[11:-11, 32:-13]):
+            np.testing.assert_allclose(bent[inner], there[inner], atol=1e-12)

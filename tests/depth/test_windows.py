@@ -51,3 +51,15 @@ def test_errors_of_windows_moved_beside_are_what_they_scatter_by(density, wide):
     ratio = over_told(map(moved, drawn(density, wide)))
     assert abs(ratio[CORNERS].mean() - 1) < 0.03
     assert np.abs(ratio[7:9, 7:9].mean() - 1) < 0.04
+
+
+def test_steep_surfaces_are_carried_all_the_way():
+    fit, misfit = np.zeros((len(WindowFit.__dataclass_fields__), 7, 7)), np.full((7, 7), 2.0)
+    fit[1], fit[5], fit[6], fit[7] = 0.01, 40.0, 0.4, -0.3
+    misfit[0, 6] = 0.5
+    moved = fit.copy()
+    _move_beside.compiled(fit, misfit, 3, moved)
+    np.testing.assert_allclose(moved[[0, 13, 14], 3, 3], [-3 * 0.4 - 3 * 0.3, -3, 3])
+    rows, columns = WindowFit(*moved).middles
+    assert (rows[3, 3], columns[3, 3]) == (0, 6)
+    assert (rows[0, 0], columns[0, 0]) == (0, 0)
