@@ -145,20 +145,23 @@ _TILE, _PER_PERIOD, OCTAVES = 2048, 8, 6
 @functools.lru_cache(maxsize=4)
 def _noise(contrast: float, mean: float, seed: int) -> NDArray[np.float32]:
     field, deviation = _waves(seed)
-    field = field * (contrast * math.sqrt(OCTAVES) / max(deviation, 1e-300))
-    array = np.maximum(mean * (1 + field), 0.0).astype(np.float32)
-    array.setflags(write=False)
-    return array
+    array = field * (mean * contrast * math.sqrt(OCTAVES) / max(deviation, 1e-300))
+    array += mean
+    radiances = np.maximum(array, 0.0, out=array).astype(np.float32)
+    radiances.setflags(write=False)
+    return radiances
 
 
 @functools.lru_cache(maxsize=2)
 def _waves(seed: int) -> tuple[NDArray[np.float64], float]:
     """A tile of waves of random phases, and its standard deviation: the same of every contrast and mean."""
-    rng, finest = np.random.default_rng(seed), _TILE / _PER_PERIOD
-    order = np.hypot(np.fft.fftfreq(_TILE)[:, None], np.fft.rfftfreq(_TILE)) * _TILE
+    rng, finest = np.random.default_rng(seed), _TILE // _PER_PERIOD
+    order = np.hypot(np.fft.fftfreq(_TILE)[:, None], np.fft.rfftfreq(_TILE)[: finest + 1]) * _TILE
     inside = (order >= finest / 2**OCTAVES) & (order <= finest)
-    amplitude = np.divide(inside, order, out=np.zeros_like(order), where=inside)
-    field = np.fft.irfft2(amplitude * np.exp(2j * math.pi * rng.random(order.shape)), s=(_TILE, _TILE))
+    turns = rng.random((_TILE, _TILE // 2 + 1))[:, : finest + 1][inside]
+    spectrum = np.zeros(order.shape, complex)
+    spectrum[inside] = np.exp(2j * math.pi * turns) / order[inside]
+    field = np.fft.irfft(np.fft.ifft(spectrum, axis=0), _TILE)  # waves along x beyond the finest are none
     return field, float(np.sqrt(np.mean(field**2)))
 
 
