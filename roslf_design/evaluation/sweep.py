@@ -23,6 +23,7 @@ from ..theory.focused import refuse_focused
 from ..theory.limits import as_design
 from ..theory.quantities import quantities_of_cameras, thin_lens_note
 from ..theory.quantity_table import QuantityTable
+from ..words import listed
 from .specification import FieldImages
 
 
@@ -155,13 +156,13 @@ def sweep(
             each = np.broadcast_to(quantity(camera, at if quantity.at != "never" else None), camera.shape)
             values[quantity.name] = np.where(valid, each, np.nan).reshape(shape)
     by_rays = [quantity for quantity in known if quantity.of_rays is not None and design.main_lens.kind.mounted]
-    few = len(valid) <= MOST_TRACED
+    few, lost = len(valid) <= MOST_TRACED, list[str]()
     for k in np.flatnonzero(valid) if by_rays and few else ():
         point = {PATHS.get(place, place): float(values.ravel()[k]) for place, values in zip(axes, grid, strict=True)}
         try:
             shown = FieldImages.of(design.replace(point))
-        except InputError:  # what its rays meet cannot be built
-            shown = None
+        except InputError as error:  # a thin lens could be, but no real one
+            shown, lost = None, [*lost, str(error.problems[0])]
         for quantity in by_rays:
             told = math.nan if shown is None else shown.told(quantity, at)
             if told is not None:
@@ -174,6 +175,9 @@ def sweep(
     note = thin_lens_note([design], values, traced=few)
     if by_rays and not few:
         note += f" (a sweep of up to {MOST_TRACED} points, too)"
+    if lost:
+        unseen = f"{listed([quantity.name for quantity in by_rays])} without a value at {len(lost)} points: {lost[0]}"
+        note = "; ".join(filter(None, (note, unseen)))
     return Sweep(axes, values, units, valid.reshape(shape), follows, at, own, note)
 
 

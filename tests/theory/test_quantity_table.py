@@ -62,6 +62,9 @@ def test_what_rays_tell_is_traced_behind_a_real_lens_and_the_rest_marked(monkeyp
     assert "field_of_view_deg, mtf50_lp_per_mm and sigma_z_mm; `roslf evaluate` traces" in coarse.note
     assert coarse.note.endswith("a sweep of up to 3 points, too)")
     assert coarse.values["field_of_view_deg"][0, 0] != swept.values["field_of_view_deg"][0, 0]
+    apart = roslf.sweep("paper-singlet", {"f": [99.0, 101.0]}, names)  # which are other lenses
+    assert np.isnan(apart.values["field_of_view_deg"]).all()
+    assert "field_of_view_deg and mtf50_lp_per_mm without a value at 2 points: " in apart.note
     many = roslf.evaluate_many(["paper", "paper-singlet"], names[:2])
     assert many.columns[names[0]][1] == roslf.specification("paper-singlet").field_of_view_deg[0].diagonal
     assert not many.note
