@@ -266,10 +266,14 @@ def solve_by_rays(problem: DesignProblem, settings: Settings = USUAL, tell: Tell
         if end is None or not end.feasible:
             break
         # Where other searches ended, numbers move along.
-        ends = tuple(replace(one, merit=one.merit + end.merit - answer.merit) for one in answer.searches)
+        by = end.merit - answer.merit
+        ends = tuple(replace(one, merit=one.merit + by) for one in answer.searches)
+        checks = tuple(
+            replace(one, polished=replace(one.polished, merit=one.polished.merit + by)) for one in answer.checks
+        )
         active, residual = _rests(problem, end.unit)
         answer = replace(answer, problem=problem, asked=problem, searches=ends, active=active, residual=residual)
-        answer = replace(answer, unit=end.unit, merit=end.merit, violation=end.violation)
+        answer = replace(answer, unit=end.unit, merit=end.merit, violation=end.violation, checks=checks)
     return answer
 
 
