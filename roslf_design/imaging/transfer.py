@@ -36,9 +36,9 @@ CORE = 512
 LEAST_HALO, MOST_HALO = 96, 1024
 """Pixels around them that lend their light, at least and at most."""
 
-LEAST_PITCHES = 10.0
-"""Microlenses around them that do, at least: where tails end at four and a half, waves that fall off the lattice are
-turned by 2 mrad, and what is seen two pitches aside stands .002 to .02 pitches off."""
+LEAST_PITCHES = 8.0
+"""Microlenses around them that do, at least: waves over the array are then turned by less than 1 mrad, and depth is
+that of 14 to .0006 pitches; where tails end at six, waves are turned by 3 mrad, and pixels are 1.5e-3 off."""
 
 BEYOND = 1e-3
 """Share of a pixel's variance that few rays may bring."""
