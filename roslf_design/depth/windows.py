@@ -171,12 +171,17 @@ def _move_beside(fit: Array, misfit: Array, reach: int, moved: Array) -> None:
         for u in range(columns):
             if not misfit[v, u] > 1:
                 continue
-            best, over, under = 0.8 * misfit[v, u], 0, 0
+            best, least, over, under = math.inf, math.inf, 0, 0
             for b in range(v - reach, v + reach + 1, reach):
                 for a in range(u - reach, u + reach + 1, reach):
                     inside = 0 <= b < rows and 0 <= a < columns
-                    if inside and misfit[b, a] < best and fit[5, b, a] > 3 and fit[1, b, a] < 2 * fit[1, v, u]:
-                        best, over, under = misfit[b, a], u - a, v - b
+                    if not (inside and misfit[b, a] < 0.8 * misfit[v, u] and fit[5, b, a] > 3):
+                        continue
+                    # Of those at one with themselves the one that knows most: the least at odds is so by chance, too.
+                    odds, error = max(misfit[b, a], 1.0), carried(fit, b, a, u - a, v - b)[1]
+                    better = odds < best or (odds == best and error < least)
+                    if better and fit[1, b, a] < 2 * fit[1, v, u]:
+                        best, least, over, under = odds, error, u - a, v - b
             if over or under:
                 row, column = v - under, u - over
                 for k in range(fit.shape[0]):
