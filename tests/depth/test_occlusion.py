@@ -66,3 +66,19 @@ def test_both_sides_of_an_edge_are_known_with_their_errors_even_where_near_and_f
     assert 0.5 < (error < told).mean() < 0.86
     same = plain.measured
     np.testing.assert_array_equal(edges.disparity[same], plain.disparity[same])
+
+
+def test_windows_that_answer_beside_a_step_tell_their_own_error(monkeypatch):
+    """The pixel's own window sees both sides, and its views pull it apart: 20 times the error of that beside it."""
+    monkeypatch.setattr(f"{__name__}.NEAR", 0.3)
+    monkeypatch.setattr(f"{__name__}.FAR", 0.0)
+    field, true = bar()
+    views = GridGeometry(ACROSS).viewing(field).prepared(field)
+    noise = PixelNoise(1e8, 2e5, measured=True)
+    found = estimate_disparity(views.field, views.pupil, noise, search=(-8.0, 8.0), window=7)
+    beside = np.abs(np.abs(np.arange(SIDE) - (SIDE - 1) / 2) - EDGE) < 4
+    inner = np.ix_(range(8, SIDE - 8), np.flatnonzero(beside))
+    known = found.measured[inner]
+    assert known.sum() > 200
+    ratio = np.abs(found.disparity / ACROSS - true)[inner][known] / found.sigma[inner][known] * ACROSS
+    assert 0.4 < np.median(ratio) < 1.2  # 0.67 of errors that are right
