@@ -81,8 +81,10 @@ def test_resolution_in_studies_is_that_of_the_sheet():
 
 
 def test_simulated_depth_has_its_noise(near_light):
-    """Errors told grow as the Fisher information says, to 5 % (chance of ten windows), and nothing is lost or moved; few
-    rays would scatter more than that."""
+    """Errors told grow as the Fisher information says, to 5 % (chance of ten windows), and nothing is lost or moved.
+
+    Few rays would scatter more than that.
+    """
     options = PictureOptions(region=(2150, 1450, 260, 160))
     scene = Scene(objects=(Plane(tilt=(0.0, 0.3), texture=Noise(finest=0.4, contrast=0.2, seed=1)),))
     trials = [simulate(PAPER, scene, options)]
