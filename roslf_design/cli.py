@@ -32,7 +32,7 @@ PATIENCE = 2.0
 SELDOM_USED = frozenset(
     {
         *("numpy.f2py", "numpy.testing", "numpy._core._add_newdocs", "numpy._core._add_newdocs_scalars"),
-        *("importlib.metadata._adapters", "secrets"),
+        *("importlib.metadata._adapters", "secrets", "shutil", "zipfile"),
     }
 )
 """Modules that numpy, scipy and pydantic import, slow ones, and commands do not use."""
