@@ -418,7 +418,7 @@ class TolerancePlan:
         missed, twins = [], self.of_thin_twins
         for limit in self.limits:
             label, value = self.columns[limit.column].label, float(self.nominal[limit.column])
-            if not limit.low <= value <= limit.high:
+            if not self._holds(limit, value):
                 missed.append(f"{label} ({number(value, 4)} of the thin-lens model)" if label in twins else label)
         return tuple(dict.fromkeys(missed))
 
@@ -452,7 +452,10 @@ class TolerancePlan:
 
     def passes(self, values: Array) -> NDArray[np.bool_]:
         """Which limits hold, shape (limits, trials), for values of shape (columns, trials); NaN never passes."""
-        return np.array([(values[l.column] >= l.low) & (values[l.column] <= l.high) for l in self.limits])
+        return np.array([self._holds(limit, values[limit.column]) for limit in self.limits])
+
+    def _holds(self, limit: _Limit, values: Array | float) -> NDArray[np.bool_]:
+        return self.columns[limit.column].quantity.within(limit.low, limit.high, values)
 
     def used_room(self, values: Array) -> Array:
         """Largest share of its limits' room that each trial uses, (trials,), for values of shape (columns, trials).

@@ -51,4 +51,6 @@ def test_a_missing_list_of_tables_is_shown_as_one(tmp_path, capsys):
     study.write_text('name = "s"\ndesign = "paper"\ngrade = "high"\n')
     assert main(["tolerance", str(study), "-o", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
-    assert "goals: a study needs at least one [[goals]] with a quantity and a limit, or a design with [required]" in said
+    assert (
+        "goals: a study needs at least one [[goals]] with a quantity and a limit, or a design with [required]" in said
+    )

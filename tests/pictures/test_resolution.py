@@ -29,6 +29,8 @@ def test_an_ideal_lens_has_a_curve_in_place_of_a_map():
     (curve,) = panel.marks
     assert isinstance(curve, Line)
     assert (np.diff(np.asarray(curve.y)) < 0).all()
+    told = [float(QUANTITIES["mtf50_lp_per_mm"](roslf.Camera.of(SCOPE), at)) for at in curve.x]
+    assert np.allclose(curve.y, told, rtol=2e-3)  # searched for on a grid
     assert ("[mm]" in panel.x_label, "lp/mm" in panel.y_label) == (True, True)
 
 

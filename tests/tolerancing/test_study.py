@@ -228,6 +228,16 @@ def test_a_real_lens_is_missed_in_its_own_numbers(tmp_path, capsys):
     assert capsys.readouterr().err.startswith("roslf: the nominal design itself misses fill_factor@0: its builds")
 
 
+def test_an_optimum_that_rests_on_a_limit_holds_it(tmp_path):
+    """Optimisers leave 1e-9 of a limit to rounding, `evaluate` as well."""
+    fill = float(QUANTITIES["fill_factor"](Camera.of(load("paper"))))
+    study = tmp_path / "study.toml"
+    for share, missed in ((1e-12, ()), (1e-6, ("fill_factor@0",))):
+        text = f'quantity = "fill_factor"\nmin = {fill * (1 + share)!r}\n'
+        study.write_text(f'name = "n"\ndesign = "paper"\ngrade = "high"\nfields = ["centre"]\n[[goals]]\n{text}')
+        assert load_plan(study)[0].nominal_misses() == missed
+
+
 def test_places_of_a_real_lens_are_told_apart():
     real, ideal = load("paper-singlet"), load("paper")
     assert expand(real, "main_lens.surfaces.*.radius") == ("main_lens.surfaces.2.radius",)  # the first is a plane

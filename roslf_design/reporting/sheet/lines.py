@@ -671,7 +671,12 @@ def datasheet_section(grounds: SpreadSources) -> Section:
     drawn = resolution_map(grounds.design)
     mapped = (
         "Detail that the image refocused to each distance shows with half its contrast; the lower of tangential and "
-        f"sagittal. {'Lines join equal resolution.' if len(drawn.panels) > 1 else 'It is alike at every field.'}"
+        "sagittal. "
+    ) + (
+        "Fields lie along a diagonal and detail along and across it, where square microlenses pass other detail than "
+        "along their sides. Lines join equal resolution."
+        if len(drawn.panels) > 1
+        else "It is alike at every field."
     )
     blocks += [
         Figure.of("mtf", "MTF", curves, mtf_curves(grounds.design, grounds.shown.images)),

@@ -88,15 +88,18 @@ def resolution_map(design: Design) -> Picture:
     values = np.full((ROWS, COLUMNS), math.nan)
     title, ahead = f"Detail that {design.name} resolves", Scale(*ends, log=deep)
 
-    def shown(column: int, at: np.ndarray) -> np.ndarray:
+    def shown(images: IdealImages | DesignImages, column: int, at: np.ndarray) -> np.ndarray:
         each = (images.transfer(column, far).limits_each_way((0.5,), "refocused") for far in at.tolist())
         return np.array([min(limit for (limit,) in each_way) for each_way in each])
 
     for column in (0, COLUMNS - 1, *range(1, COLUMNS - 1)):
-        values[:, column] = shown(column, distances)
+        values[:, column] = shown(images, column, distances)
         if column and (np.ptp(values[:, [0, -1]], axis=1) < ALIKE * values[:, 0]).all():
             finer = spaced(*ends, ON_CURVE)
-            curve = Line(finer, shown(0, finer), "blue", 2.2)
+            own = images_of(
+                design, on_array(camera, middle)[None]
+            )  # its detail lies along pixels' rows, as the table's
+            curve = Line(finer, shown(own, 0, finer), "blue", 2.2)
             up = Scale(0.0, 1.08 * float(np.max(curve.y)))
             panel = Panel((0, 0, 1, 1), ahead, up, (curve,), "ahead of the tip [mm]", "MTF 50 % at [lp/mm]")
             return one_panel("resolution-map", f"{title}, as much at every field", (PAGE, 190), panel, left=64)
