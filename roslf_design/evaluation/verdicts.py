@@ -413,7 +413,7 @@ def _thin(f: Numbers, lens: RealLens) -> Verdict:
     )
     lost = [place(field.x_ml_mm) for field in lens.fields if field.shift_px is None or field.widening_px is None]
     if not lost and moved + abs(wider) / 2 <= SLACK_PX:
-        return Verdict.of(name, f"thin lens holds: {size}")
+        return Verdict.of(name, f"thin lens holds for the places and sizes of images: {size}")
     none = f"; there is no whole image at {listed(lost)} mm" if lost else ""
     return Verdict.of(name, f"thin lens does not hold: {size}{none}", other)
 
