@@ -35,7 +35,7 @@ def reaching(camera: Camera, quantity: Quantity, at: Depth, low: float | None, h
 
     rises = low is not None and not quantity.within(low, None, quantity(camera, at))
     missed = within(low, None) if rises else within(None, high)
-    found = {symbol: value for symbol in SYMBOLS if (value := _nearest(camera, symbol, missed)) is not None}
+    found = {symbol: value for symbol in SYMBOLS if (value := _nearest_length(camera, symbol, missed)) is not None}
     ways = ways_of(camera, found, within(low, high))
     several = f"any one of these alone does: {', '.join(ways)}"
     return several if len(ways) > 1 else "".join(f"{way} alone does" for way in ways)
@@ -47,22 +47,22 @@ def ways_of(camera: Camera, values: dict[str, float], holds: Holds) -> list[str]
     return [_way(camera, symbol, text) for symbol, text in typed.items() if text]
 
 
-def _nearest(camera: Camera, symbol: str, holds: Holds) -> float | None:
+def _nearest_length(camera: Camera, symbol: str, holds: Holds) -> float | None:
     """Length nearest to a camera's own with which it holds; None where none that was tried does."""
-    now, middle = float(camera[PATHS[symbol]]), PLACES - 1
+    now = float(camera[PATHS[symbol]])
     if not now > 0:
         return None
-    tried = now * np.geomspace(1 / REACH, REACH, 2 * PLACES - 1)
-    held = np.flatnonzero(_held(camera, symbol, tried, holds))
+    longer = np.geomspace(1, REACH, PLACES)
+    tried = now * np.ravel([1 / longer, longer], order="F")
+    return nearest_holding(lambda values: _held(camera, symbol, values, holds), tried, now)
+
+
+def nearest_holding(holds: Callable[[Array], NDArray[np.bool_]], tried: Array, now: float) -> float | None:
+    """Value up to which it holds towards today's, from the first tried one with which it does; None without one."""
+    held = np.flatnonzero(holds(tried))
     if not held.size:
         return None
-    at = int(min(held, key=lambda k: abs(k - middle)))
-    outside = float(tried[at + (1 if at < middle else -1)])
-    return farthest(lambda values: _held(camera, symbol, values, holds), float(tried[at]), outside)
-
-
-def farthest(holds: Callable[[Array], NDArray[np.bool_]], inside: float, outside: float) -> float:
-    """Value farthest from one with which it holds, towards one with which it does not, up to which it holds."""
+    inside, outside = float(tried[held[0]]), now
     for _ in range(ROUNDS):
         between = np.linspace(inside, outside, BETWEEN)
         last = int(np.argmin(holds(between))) - 1

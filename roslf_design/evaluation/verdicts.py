@@ -159,12 +159,12 @@ def as_sharp(there: float | None, middle: float | None) -> bool:
 def sharp_over_field(answer: FirstAnswer, lens: RealLens | None) -> tuple[Verdict, ...]:
     """Whether a refocused image is much coarser in the corner of the field; nothing where it is not."""
     middle, corner = answer.at[0].usable_lp_per_mm, answer.corner_lp_per_mm
-    if middle is None or as_sharp(corner, middle):
+    if as_sharp(corner, middle):
         return ()
-    there = "nothing" if corner is None else f"{number(corner, 3)} lp/mm"
+    there, here = ("nothing" if detail is None else f"{number(detail, 3)} lp/mm" for detail in (corner, middle))
     through = f" (traced through {lens.lens})" if lens else ""
     text = (
-        f"not sharp over the field: in focus a refocused image shows {number(middle, 3)} lp/mm in the middle and "
+        f"not sharp over the field: in focus a refocused image shows {here} in the middle and "
         f"{there} in the corner{through}; Nyquist frequency and MTF as required are the middle's"
     )
     remedy = (

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..design import PATHS, Design, DesignError
 from ..drawing.theme import short
-from ..evaluation.remedies import BETWEEN, ROUNDS, farthest
+from ..evaluation.remedies import BETWEEN, ROUNDS, nearest_holding
 from ..theory.exit_pupil import is_telecentric
 from ..theory.f_number import fill_factor, matched
 from ..theory.light import geometric_views, microlens_defocus_blur
@@ -188,12 +188,11 @@ def _undistorting(camera: Camera) -> Change:
         return "the whole sensor is undistorted already"
     # What the sensor sees changes with the distance, too: room may come, go and come again.
     places = _with_peaks(least, camera)
-    room = least(places)
-    free = places[room >= 0]
-    if not free.size:
-        tightest = int(np.argmin(rooms(float(places[int(np.argmax(room))]))))
+    free = nearest_holding(lambda d_3: least(d_3) >= 0, places[np.argsort(np.abs(places - here))], here)
+    if free is None:
+        tightest = int(np.argmin(rooms(float(places[int(np.argmax(least(places)))]))))
         return f"no FAP distance frees it: the {camera.rims[tightest].opening} is too small for this FAP and sensor"
-    return farthest(lambda d_3: least(d_3) >= 0, float(free[int(np.argmin(np.abs(free - here)))]), here)
+    return free
 
 
 def _widest(camera: Camera) -> Change:
