@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from .occlusion import beside_steps
+from .windows import WindowFit
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -27,24 +28,21 @@ def _second_derivatives(disparity: Array, lag: int) -> tuple[Array, Array]:
             continue
         whole = ndimage.minimum_filter1d(np.isfinite(part).view(np.uint8), 2 * lag + 1, axis=1)[:, lag:-lag] > 0
         second = part[:, 2 * lag :] + part[:, : -2 * lag] - 2 * part[:, lag:-lag]
-        middle = np.full(part.shape, np.nan)
-        middle[:, lag:-lag] = np.where(whole, second / lag**2, np.nan)
-        each[:] = middle
+        each[:, lag:-lag] = np.where(whole, second / lag**2, np.nan)
+        middle = each.copy()
         for here, beside in ((np.s_[:, :-lag], np.s_[:, lag:]), (np.s_[:, lag:], np.s_[:, :-lag])):
             each[here] = np.where(np.isnan(each[here]), middle[beside], each[here])
     along, down = np.nan_to_num(found)
     return along, down
 
 
-def window_bends(disparity: Array, window: int, over: Array, under: Array) -> Array:
-    """Excess of windows of a bent surface, at places so far over and under from their middles.
+def window_bends(disparity: Array, window: int, fit: WindowFit) -> Array:
+    """Excess of windows of a bent surface at the places that were fitted by them.
 
     A plane through the mean, (w^2 - 1)/24 of the second derivatives beside the surface, is carried there.
     """
-    v, u = np.indices(disparity.shape)
-    middles = v - under.astype(int), u - over.astype(int)
-    along, down = (each[middles] for each in _second_derivatives(disparity, window // 2 + 2))
-    return np.asarray((window**2 - 1) / 24 * (along + down) - (along * over**2 + down * under**2) / 2)
+    along, down = (each[fit.middles] for each in _second_derivatives(disparity, window // 2 + 2))
+    return np.asarray((window**2 - 1) / 24 * (along + down) - (along * fit.over**2 + down * fit.under**2) / 2)
 
 
 def straightened(disparity: Array, window: int, error: float, times: int = 1) -> Array:

@@ -833,7 +833,7 @@ def _with_errors_of_views(judged: DisparityMap, pulled: Array, fit: WindowFit) -
     total = fit.chi2[some].sum()
     whole, *small = (max(1.0, float(pull[some].sum() / total)) if total > 0 else 1.0 for pull in pulled)
     smooth = np.where(beside_steps(judged.disparity), np.nan, judged.disparity)
-    bent = window_bends(smooth, judged.window, fit.over, fit.under)
+    bent = window_bends(smooth, judged.window, fit)
     part = np.divide(bent**2, bent**2 + judged.sigma**2, where=judged.measured, out=np.zeros_like(bent))
     disparity, sigma = judged.disparity - part * bent, np.hypot(judged.sigma, bent / 2)
     return replace(judged, disparity=disparity, sigma=sigma, alike=whole), small

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from .._jit import THREADS, kernel, prange
-from .windows import SharedLight, WindowFit, carried, chance
+from .windows import CHI2, SPARE, STRAIN, SharedLight, WindowFit, carried, chance
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -87,7 +87,7 @@ def _take_best(
             for b in range(max(v - reach, 0), min(v + reach + 1, rows), reach):
                 for a in range(max(u - reach, 0), min(u + reach + 1, columns), reach):
                     over, under = u - a, v - b
-                    if (over % reach) + (under % reach) or misfit[b, a] > 1 or not fit[5, b, a] > 3:
+                    if (over % reach) + (under % reach) or misfit[b, a] > 1 or not fit[SPARE, b, a] > 3:
                         continue
                     value, error = carried(fit, b, a, over, under)
                     change = value - begun[v, u]
@@ -97,7 +97,7 @@ def _take_best(
                     good = good and abs(change) <= max(0.5 * error, SETTLED)
                     if good and reported < sigma[v, u]:
                         disparity[v, u], sigma[v, u] = value, reported
-                        chi2[v, u] = max(fit[2, b, a], fit[4, b, a])
+                        chi2[v, u] = max(fit[CHI2, b, a], fit[STRAIN, b, a])
                         views[v, u], picture[v, u] = sums[11, v, u], sums[0, v, u]
 
 

@@ -21,6 +21,8 @@ _GRADIENT_NOISE = 1.894
 TERMS = 19
 """Sums over a window: `true` with powers of its place (6), `pulled` with these (3), then raw, moment, both with the
 disparity, residual and freedom, as `_window_terms` makes them, and counts (2)."""
+DISPARITY, SIGMA, CHI2, FREE, STRAIN, SPARE, ACROSS, DOWN, UU, UV, VV, WITH_U, WITH_V, OVER, UNDER = range(15)
+"""Rows of `WindowFit.maps`, in the order of its fields."""
 QUORUM = 0.25
 """Share of a window's microlenses that must say something of its disparity."""
 
@@ -109,14 +111,14 @@ class WindowFit:
         near, reach = (box(look.terms, window), 0) if alone is None else (look.terms, window // 2)
         some = np.ones(near.shape[1:], np.bool_) if alone is None else alone
         wide = box(look.terms, 3 * window) if alone is None else near[:0]
-        fit = np.zeros((15, *near.shape[1:]))
+        fit = np.zeros((UNDER + 1, *near.shape[1:]))
         with THREADS:
             _fit_windows.compiled(near, reach, wide, look.disparity, some, QUORUM * window**2, look.density, fit)
         return cls(*fit)._beside(window // 2) if alone is None else cls(*fit)
 
     @property
     def maps(self) -> Array:
-        """All of them, shape (15, v, u), which they are parts of."""
+        """All of them, shape (field, v, u), which they are parts of."""
         assert self.disparity.base is not None
         return self.disparity.base
 
@@ -155,17 +157,17 @@ class WindowFit:
 @kernel(inline=True)
 def carried(fit: Array, v: int, u: int, over: int, under: int) -> tuple[float, float]:
     """Disparity of a window's plane so far beside its middle, and its standard error; `fit` as `WindowFit.maps`."""
-    change = fit[6, v, u] * over + fit[7, v, u] * under
+    change = fit[ACROSS, v, u] * over + fit[DOWN, v, u] * under
     # What the window says errs with the slopes: by the same noise, where it lies aside of what tells these.
-    to_u = fit[8, v, u] * over + fit[9, v, u] * under + 2 * fit[11, v, u]
-    to_v = fit[9, v, u] * over + fit[10, v, u] * under + 2 * fit[12, v, u]
-    variance = fit[1, v, u] ** 2 + over * to_u + under * to_v
-    return fit[0, v, u] + change, math.sqrt(max(variance, 0.0))
+    to_u = fit[UU, v, u] * over + fit[UV, v, u] * under + 2 * fit[WITH_U, v, u]
+    to_v = fit[UV, v, u] * over + fit[VV, v, u] * under + 2 * fit[WITH_V, v, u]
+    variance = fit[SIGMA, v, u] ** 2 + over * to_u + under * to_v
+    return fit[DISPARITY, v, u] + change, math.sqrt(max(variance, 0.0))
 
 
 @kernel(parallel=True)
 def _move_beside(fit: Array, misfit: Array, reach: int, moved: Array) -> None:
-    """Put the best of the windows `reach` aside where one's `misfit` is above 1; shape (15, v, u), as `WindowFit`."""
+    """Put the best of the windows `reach` aside where one's `misfit` is above 1; as `WindowFit.maps`."""
     rows, columns = misfit.shape
     for v in prange(rows):
         for u in range(columns):
@@ -175,21 +177,21 @@ def _move_beside(fit: Array, misfit: Array, reach: int, moved: Array) -> None:
             for b in range(v - reach, v + reach + 1, reach):
                 for a in range(u - reach, u + reach + 1, reach):
                     inside = 0 <= b < rows and 0 <= a < columns
-                    if not (inside and misfit[b, a] < 0.8 * misfit[v, u] and fit[5, b, a] > 3):
+                    if not (inside and misfit[b, a] < 0.8 * misfit[v, u] and fit[SPARE, b, a] > 3):
                         continue
                     # Of those at one with themselves the one that knows most: the least at odds is so by chance, too.
                     odds, error = max(misfit[b, a], 1.0), carried(fit, b, a, u - a, v - b)[1]
                     better = odds < best or (odds == best and error < least)
-                    if better and fit[1, b, a] < 2 * fit[1, v, u]:
+                    if better and fit[SIGMA, b, a] < 2 * fit[SIGMA, v, u]:
                         best, least, over, under = odds, error, u - a, v - b
             if over or under:
                 row, column = v - under, u - over
                 for k in range(fit.shape[0]):
                     moved[k, v, u] = fit[k, row, column]
-                moved[0, v, u], moved[1, v, u] = carried(fit, row, column, over, under)
-                moved[11, v, u] += fit[8, row, column] * over + fit[9, row, column] * under
-                moved[12, v, u] += fit[9, row, column] * over + fit[10, row, column] * under
-                moved[13, v, u], moved[14, v, u] = over, under
+                moved[DISPARITY, v, u], moved[SIGMA, v, u] = carried(fit, row, column, over, under)
+                moved[WITH_U, v, u] += fit[UU, row, column] * over + fit[UV, row, column] * under
+                moved[WITH_V, v, u] += fit[UV, row, column] * over + fit[VV, row, column] * under
+                moved[OVER, v, u], moved[UNDER, v, u] = over, under
 
 
 @kernel(parallel=True)
@@ -243,7 +245,7 @@ def _fit_windows(
 ) -> None:
     """Least squares of some windows by the sums of their terms, and of wider ones', if any, where these show a plane.
 
-    Terms are summed here, over so much `reach`. `fit`: the fields of `WindowFit` but the last two.
+    Terms are summed here, over so much `reach`. `fit`: `WindowFit.maps`, but for the last two.
     """
     rows, columns = disparity.shape
     for v in prange(rows):
@@ -256,7 +258,7 @@ def _fit_windows(
         for u in range(columns):
             if not some[v, u]:
                 for k in range(fit.shape[0]):
-                    fit[k, v, u] = math.inf if k == 1 else 0.0
+                    fit[k, v, u] = math.inf if k == SIGMA else 0.0
                 continue
             near = sums[:, u]
             sharp, information, free = near[0], near[9], near[16]
@@ -285,13 +287,13 @@ def _fit_windows(
             to_u = uu * (over - 2 * off_u) + uv * (under - 2 * off_v)
             to_v = uv * (over - 2 * off_u) + vv * (under - 2 * off_v)
             variance += max(over * to_u + under * to_v, 0.0)
-            fit[0, v, u] = value - across * over - below * under
-            fit[1, v, u] = math.sqrt(variance)
-            fit[2, v, u] = max(square, 0.0) / max(free - 1, 0.5) if free > 1.5 else 0.0
-            fit[3, v, u], fit[4, v, u], fit[5, v, u] = free - 1, own, spare
-            fit[6, v, u], fit[7, v, u], fit[8, v, u], fit[9, v, u], fit[10, v, u] = across, below, uu, uv, vv
+            fit[DISPARITY, v, u] = value - across * over - below * under
+            fit[SIGMA, v, u] = math.sqrt(variance)
+            fit[CHI2, v, u] = max(square, 0.0) / max(free - 1, 0.5) if free > 1.5 else 0.0
+            fit[FREE, v, u], fit[STRAIN, v, u], fit[SPARE, v, u] = free - 1, own, spare
+            fit[ACROSS, v, u], fit[DOWN, v, u], fit[UU, v, u], fit[UV, v, u], fit[VV, v, u] = across, below, uu, uv, vv
             off_u, off_v = (off_u - over, off_v - under) if enough else (0.0, 0.0)
-            fit[11, v, u], fit[12, v, u] = uu * off_u + uv * off_v, uv * off_u + vv * off_v
+            fit[WITH_U, v, u], fit[WITH_V, v, u] = uu * off_u + uv * off_v, uv * off_u + vv * off_v
 
 
 def chance(freedom: Array) -> Array:

@@ -9,6 +9,7 @@ from roslf_design.depth.estimate import PixelNoise, estimate_disparity
 from roslf_design.depth.geometry import ArrayGeometry
 from roslf_design.depth.measure import measure
 from roslf_design.depth.unmixing import PreparedViews
+from roslf_design.depth.windows import OVER, UNDER, WindowFit
 from roslf_design.design import load
 from tests.depth.made import Texture, disc, field_of, sharp
 
@@ -105,7 +106,9 @@ def test_windows_beside_a_gap_are_bent_as_those_away_from_it():
     for over, under in ((0, 0), (3, 0), (0, -3), (-3, 3)):
         carried = mean + over * slope_u + under * slope_v
         off = carried - np.roll(surface, (-under, -over), (0, 1))  # of the windows about each middle
-        bent = window_bends(gap, 7, over * inside, under * inside)
+        maps = np.zeros((len(WindowFit.__dataclass_fields__), *gap.shape))
+        maps[OVER], maps[UNDER] = over * inside, under * inside
+        bent = window_bends(gap, 7, WindowFit(*maps))
         there = np.roll(off, (under, over), (0, 1))
         for inner in (np.s_[11:-11, 13:23], np.s_[11:-11, 32:-13]):
             np.testing.assert_allclose(bent[inner], there[inner], atol=1e-12)
