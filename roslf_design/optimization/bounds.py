@@ -99,9 +99,7 @@ class Boxes:
 def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     """Whether a quantity's extremes over boxes of these variables lie at corners."""
     quantity, names = part.quantity, {PATHS.get(name, name) for name in problem.variables}
-    if part.field is not None or part.temperature is not None:
-        return False
-    if quantity.of_rays is not None and problem.design.main_lens.kind.mounted:
+    if part.field is not None or part.temperature is not None or problem.is_by_rays(quantity):
         return False
     decentred = any(value for place, value in problem.base.numbers.items() if ".decentre." in place)
     if quantity.name == OUTER_DIAMETER:  # widths of parts, of a cut array the least

@@ -47,9 +47,17 @@ class _Violation:
         return cls(constraint.limit_words(side), value, limit, constraint.quantity.unit)
 
     @property
+    def asked(self) -> str:
+        """The limit in words, e.g. ``d_3 <= 8 mm``."""
+        return f"{self.limit} {number(self.wanted, 6)} {self.unit}".rstrip()
+
+    @property
     def value_words(self) -> str:
         """Value with its unit, or none."""
         return "none" if math.isnan(self.value) else f"{number(self.value)} {self.unit}".rstrip()
+
+    def __str__(self) -> str:
+        return f"{self.asked} (got {self.value_words})"
 
 
 @dataclass(frozen=True)
@@ -78,10 +86,9 @@ class Conflict:
     """The least-violating point."""
     violation: float
     violations: tuple[_Violation, ...] = ()
-    smallest: tuple[str, ...] = ()
-    """Constraints that cannot hold together within the bounds, while any fewer of them can, as far as searches tell."""
     clashing: tuple[_Violation, ...] = ()
-    """These, with what there is of each at the least-violating point of them alone."""
+    """Limits that cannot hold together within the bounds, while any fewer of them can, as far as searches tell, with
+    what there is of each at the least-violating point of them alone."""
     complete: bool = True
     """Whether every smaller set was shown to be feasible before the budget was spent."""
     relaxations: tuple[_Relaxation, ...] = ()
@@ -96,28 +103,27 @@ class Conflict:
     """Whether pixels must be views, of microlenses that no focal length keeps focused on the pupil."""
 
     @property
+    def smallest(self) -> tuple[str, ...]:
+        """What clashes, in words."""
+        return tuple(one.asked for one in self.clashing)
+
+    @property
     def reason(self) -> str:
         """Reason why nothing is feasible, in words."""
         if self.undefined:
             return f"where the limits hold, {' and '.join(self.undefined)} is undefined"
-        if not self.smallest:
+        if not self.clashing:
             return f"within the bounds stands no camera ({', '.join(self.always) or 'nothing can be built'})"
         doubt = "" if self.complete else " (a smaller set was not excluded before the budget was spent)"
         views = ", of microlenses that image the pupil (microlens_in_focus = true lets f_ml follow)" * self.by_views
-        clash = "these cannot hold together:" if len(self.smallest) > 1 else "nothing holds"
-        told = zip(self.smallest, self.clashing, strict=True)
-        named = [f"{limit} (got {one.value_words})" for limit, one in told]
-        return f"within the bounds, {clash} {' and '.join(named)}{views}{doubt}"
+        clash = "these cannot hold together:" if len(self.clashing) > 1 else "nothing holds"
+        return f"within the bounds, {clash} {' and '.join(map(str, self.clashing))}{views}{doubt}"
 
     @property
     def missed(self) -> str:
         """Further limits that the least-violating point misses, with what it has there, in words; empty where none."""
-        known = [(one.limit, one.value_words) for one in self.clashing]
-        got = [
-            f"{one.limit} {number(one.wanted)} {one.unit}".rstrip() + f" (got {one.value_words})"
-            for one in self.violations
-            if (one.limit, one.value_words) not in known
-        ]
+        known = set(map(str, self.clashing))
+        got = [text for text in map(str, self.violations) if text not in known]
         return f"The least-violating point misses {listed(got)}." if got else ""
 
     def to_dict(self) -> dict[str, Any]:
@@ -155,23 +161,18 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
     pressed = {row.constraint for row, over in zip(sided.rows, rows, strict=True) if over > -PRESSED} - {-1}
     within = every if pool.possible(frozenset(pressed)) else pressed
     smallest, complete = _smallest(pool, sorted(within))
-    clash = [sided.constraints[index] for index in sorted(smallest)]
     there = pool.best(smallest)
-    clashing = tuple(_Violation.of(problem, constraint, there) for constraint in clash)
     relaxations = [pool.alone(index) for index in sorted(smallest)]
-    over = {row.constraint for row, by in zip(sided.rows, rows, strict=True) if by > FEASIBLE}
-    missed = [_Violation.of(problem, constraint, unit) for k, constraint in enumerate(sided.constraints) if k in over]
+    over = [row for row, by in zip(sided.rows, rows, strict=True) if by > FEASIBLE]
+    limits = sorted({row.constraint for row in over} - {-1})
+    missed = tuple(_Violation.of(problem, sided.constraints[index], unit) for index in limits)
     # What else is missed helps not at all alone: the smallest set goes without it.
     others = [one for one in missed if one.limit not in {way.label for way in relaxations}]
-    missing = dict.fromkeys(
-        row.label for row, by in zip(sided.rows, rows, strict=True) if row.constraint < 0 and by > FEASIBLE
-    )
     return Conflict(
         unit=unit,
         violation=violation,
-        violations=tuple(missed),
-        smallest=tuple(map(str, clash)),
-        clashing=clashing,
+        violations=missed,
+        clashing=tuple(_Violation.of(problem, sided.constraints[index], there) for index in sorted(smallest)),
         complete=complete,
         relaxations=(*relaxations, *(_Relaxation(one.limit, one.wanted, None, one.unit) for one in others)),
         bounds=tuple(
@@ -179,7 +180,7 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
             for (name, variable), place in zip(problem.variables.items(), unit, strict=True)
             if variable.max > variable.min and not 1e-6 <= place <= 1 - 1e-6
         ),
-        always=tuple(missing),
+        always=tuple(dict.fromkeys(row.label for row in over if row.constraint < 0)),
         by_views=problem.of_views and not problem.in_focus,
     )
 
@@ -220,7 +221,7 @@ class _Pool:
 
     def nearest(self, keep: frozenset[int]) -> Array:
         """The point of least violation of some of the limits, as far as searches tell."""
-        part = self.problem.without(keep)
+        part = self.problem.keeping(keep)
         guard = Guard(part.vector, self.budget)
         unit, _ = least_violation(guard, self._starts(keep), [10.0 if row.constraint < 0 else 1.0 for row in part.rows])
         self.add(np.stack([unit] if guard.unit is None else [unit, guard.unit]))

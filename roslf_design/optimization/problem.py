@@ -28,7 +28,6 @@ from ..evaluation.specification import FieldImages
 from ..lenses.glass import Glass
 from ..theory.focused import LEAST_VIEWS, LIMIT, filtered_views, pupil_blur_ratio
 from ..theory.light import sensor_field
-from ..theory.quantities import quantity_named
 from ..theory.quantity import Quantity
 from ..theory.tube import OUTER, housed
 from ..tolerancing.draws import sobol_points
@@ -359,9 +358,10 @@ class DesignProblem:
             cameras, lens = self.cameras(units), self.varied_lens(units)
             result = np.empty((1 + len(self.rows), len(units)))
             traces = self.traces(cameras, lens)
-            known: dict[object, Array] = {}
-            result[1:] = self.rows_of(cameras, len(units), traces, lens, known)
+            measured = [limit.measured(cameras, traces) for limit in self.constraints]
+            known = {c.asked: values for c, values in zip(self.constraints, measured, strict=True) if c.as_judged}
             result[0] = self.merit(cameras, traces, known)
+            result[1:] = self.rows_of(cameras, len(units), traces, lens, measured)
         return result
 
     def limits(self, units: Array) -> Array:
@@ -376,18 +376,15 @@ class DesignProblem:
         count: int,
         traces: FieldTraces | None = None,
         lens: VariedLens | None = None,
-        known: dict[object, Array] | None = None,
+        measured: Sequence[Array] | None = None,
     ) -> Array:
         """Rows of so many cameras, these or builds of a design behind an ideal lens; shape (rows, N).
 
-        `known` is told the values by which a goal on the same is judged, too.
+        `measured`: what constraints measure, where it is known.
         """
         result = np.empty((len(self.rows), count))
         with np.errstate(all="ignore"):
-            values = [constraint.measured(cameras, traces) for constraint in self.constraints]
-            if known is not None:
-                measured = zip(self.constraints, values, strict=True)
-                known |= {limit.asked: value for limit, value in measured if limit.as_judged}
+            values = measured or [constraint.measured(cameras, traces) for constraint in self.constraints]
             every = [*values, _PosedBuilds(cameras, lens)]
             for number, row in enumerate(self.rows):
                 result[number] = row.of(every[row.constraint])
@@ -443,16 +440,27 @@ class DesignProblem:
         """Unit in which a goal of either sign is counted."""
         return self._spreads[1][goal]
 
-    def without(self, keep: frozenset[int]) -> DesignProblem:
+    def keeping(self, some: frozenset[int]) -> DesignProblem:
         """Problem with only some of its constraints."""
-        scales = self.scales and (tuple(s for i, s in enumerate(self.scales[0]) if i in keep), self.scales[1])
-        return replace(self, constraints=tuple(c for i, c in enumerate(self.constraints) if i in keep), scales=scales)
+        return self._limited([(index, one) for index, one in enumerate(self.constraints) if index in some])
+
+    def one_sided(self) -> DesignProblem:
+        """Problem with each limit a constraint of its own."""
+        return self._limited([(index, side) for index, one in enumerate(self.constraints) for side in one.one_sided])
+
+    def _limited(self, limits: Sequence[tuple[int, Constraint]]) -> DesignProblem:
+        """Problem with other constraints, each scaled as the one of that index was."""
+        scales = self.scales and (tuple(self.scales[0][index] for index, _ in limits), self.scales[1])
+        return replace(self, constraints=tuple(one for _, one in limits), scales=scales)
 
     @property
     def by_rays(self) -> bool:
         """Whether rays through a real lens tell a number of the whole camera that is asked for."""
-        asked = any(part.quantity.of_rays is not None for part in (*self.goals, *self.constraints))
-        return asked and bool(self.design.main_lens.kind.mounted)
+        return any(self.is_by_rays(part.quantity) for part in (*self.goals, *self.constraints))
+
+    def is_by_rays(self, quantity: Quantity) -> bool:
+        """Whether rays through a real lens tell a quantity of the whole camera."""
+        return quantity.of_rays is not None and bool(self.design.main_lens.kind.mounted)
 
     def told_by_rays(self, unit: Array) -> tuple[DesignProblem, float]:
         """Problem whose numbers of the whole camera are at a point those that rays tell, and how far others they were.
@@ -466,35 +474,27 @@ class DesignProblem:
         except InputError:
             return self, 0.0
 
+        moved = [0.0]
+
         def told(part: T) -> T:
-            quantity = quantity_named(part.quantity.name)
-            share = None if part.temperature is not None else shown.share(quantity, part.at)
-            return part if share is None else part.model_copy(update={"quantity": quantity.times(share)})
+            share = None if part.temperature is not None else shown.share(part.quantity, part.at)
+            if share is None:
+                return part
+            moved.append(abs(1 / share - 1))
+            return part.model_copy(update={"quantity": part.quantity.times(share)})
 
         posed = replace(self, goals=tuple(map(told, self.goals)), constraints=tuple(map(told, self.constraints)))
-        pairs: Iterator[tuple[Constraint | Goal, Constraint | Goal]] = zip(
-            (*self.goals, *self.constraints), (*posed.goals, *posed.constraints), strict=True
-        )
-        moved = (self.number(was, unit) / posed.number(now, unit) - 1 for was, now in pairs if was is not now)
-        return posed, max(map(abs, moved), default=0.0)
+        return posed, max(moved)
 
     def untraced(self, *, quick: bool = False) -> DesignProblem:
         """Problem with those of its limits alone that no rays at fields tell; quick: nor rays at all, nor long sums."""
 
         def taken(limit: Constraint) -> bool:
-            slow = self._summed(limit.quantity) or (self.by_rays and limit.quantity.of_rays is not None)
+            slow = self._summed(limit.quantity) or self.is_by_rays(limit.quantity)
             return limit.field is None and not (quick and slow)
 
-        return self.without(frozenset(k for k, limit in enumerate(self.constraints) if taken(limit)))
-
-    def one_sided(self) -> DesignProblem:
-        """Problem with each limit a constraint of its own."""
-        sides = [one.one_sided for one in self.constraints]
-        scales = self.scales and (
-            tuple(scale for scale, each in zip(self.scales[0], sides, strict=True) for _ in each),
-            self.scales[1],
-        )
-        return replace(self, constraints=tuple(one for each in sides for one in each), scales=scales)
+        some = frozenset(index for index, limit in enumerate(self.constraints) if taken(limit))
+        return self.keeping(some).without_goals()
 
     def without_goals(self) -> DesignProblem:
         """Problem with its limits and no goals."""

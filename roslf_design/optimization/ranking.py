@@ -22,7 +22,7 @@ from .combinations import Combinations
 from .conflict import Conflict, explain
 from .problem import DesignProblem, promising_starts, sobol_units
 from .search import BIG, QUICK, Search, SearchBudget, violation_of
-from .solve import MOST_SETTLING, SETTLED, searched
+from .solve import SETTLED, searched, settled
 from .traces import Retrace
 from .variables import lengths_and_numbers
 
@@ -206,31 +206,26 @@ class _Ranker:
         Rays are traced from its optimum on, and from other starts where that holds the limits. Beside them the problem,
         with what rays tell of the whole camera where they end, and with those limits alone that were looked at.
         """
-        start = begin[0]
-        for quick in (True, False):
-            for _ in range(MOST_SETTLING):
-                near = self._nearest(problem.untraced(quick=quick).without_goals(), start)
-                problem, moved = (problem, 0.0) if quick else problem.told_by_rays(near.unit)
-                start = near.unit
-                if moved <= ROUGHLY:
-                    break
-            if not near.feasible:
-                rows = np.nan_to_num(problem.limits(start[None])[:, 0], nan=BIG)
-                return [replace(near, violation=violation_of(rows))], problem, problem.untraced(quick=quick)
-        thin = self._searched(replace(problem, thin=True), start)
+        near = self._nearest(problem.untraced(quick=True), begin[0])
+        quick = not near.feasible
+        if near.feasible:
+            problem, near = settled(problem, near.unit, ROUGHLY, lambda p, unit: self._nearest(p.untraced(), unit))
+        if not near.feasible:
+            rows = np.nan_to_num(problem.limits(near.unit[None])[:, 0], nan=BIG)
+            return [replace(near, violation=violation_of(rows))], problem, problem.untraced(quick=quick)
+        thin = self._searched(replace(problem, thin=True), near.unit)
         problem, _ = problem.told_by_rays(thin.unit)
         results: list[Search] = []
-        for first in promising_starts(problem, [thin.unit, start, *begin], self.starts, self.seed):
+        for first in promising_starts(problem, [thin.unit, near.unit, *begin], self.starts, self.seed):
             held = self._searched(problem.without_goals(), first)
             results.append(self._searched(problem, held.unit) if held.feasible else held)
             if len(results) == TRIED_IN_VAIN and not any(result.feasible for result in results):
                 break
-        for _ in range(MOST_SETTLING if problem.by_rays else 0):
-            best = min(results, key=lambda result: (not result.feasible, result.merit, result.violation))
-            problem, moved = problem.told_by_rays(best.unit)
-            if moved <= SETTLED:
-                break
-            results = [self._searched(problem, best.unit)]
+        best = min(results, key=lambda result: (not result.feasible, result.merit, result.violation))
+        problem, moved = problem.told_by_rays(best.unit)
+        if moved > SETTLED:
+            problem, best = settled(problem, best.unit, SETTLED, self._searched)
+            results = [best]
         return results, problem, problem
 
     def _nearest(self, problem: DesignProblem, start: Array) -> Search:
@@ -281,18 +276,15 @@ class _Ranker:
 
     def polish(self) -> None:
         """Search the list's combinations again, thoroughly."""
+
+        def thoroughly(problem: DesignProblem, start: Array) -> Search:
+            return searched(problem, start, self.budget.at_least(1000, 10.0), tolerance=problem.finest)
+
         polished = []
         for ranked in [each for each in self.best if each.search.merit < self.threshold]:
-            problem, moved, before = ranked.problem, 0.0, ranked.search
-            for _ in range(MOST_SETTLING):
-                again = searched(problem, before.unit, self.budget.at_least(1000, 10.0), tolerance=problem.finest)
-                if again.feasible and (again.merit < before.merit or moved):
-                    before = again
-                problem, moved = problem.told_by_rays(before.unit)
-                if moved <= FEASIBLE:
-                    break
-            if before.feasible:
-                polished.append(Ranked(ranked.number, before, problem))
+            problem, again = settled(ranked.problem, ranked.search.unit, FEASIBLE, thoroughly)
+            better = again.feasible and (again.merit < ranked.search.merit or problem.by_rays)
+            polished.append(Ranked(ranked.number, again, problem) if better else ranked)
         self.best = sorted(polished, key=_order)[: self.keep]
 
 

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from operator import itemgetter
 from typing import Annotated, Literal
 
@@ -251,30 +252,38 @@ def solve_by_rays(problem: DesignProblem, settings: Settings = USUAL, tell: Tell
     """`solve`, with what rays tell of the whole camera at the optimum: about first, then polished."""
     if not problem.by_rays:
         return solve(problem, settings, tell)
-    budget, (unit, *_) = settings.fresh(), _starts(problem, settings)
-    for step in range(MOST_SETTLING):
-        tell("rays at the optimum", step, MOST_SETTLING)
-        unit = searched(problem, unit, budget, settings.evaluations, max(settings.tolerance, problem.finest)).unit
-        problem, moved = problem.told_by_rays(unit)
-        if moved <= SETTLED:
-            break
+    search = partial(searched, budget=settings.fresh(), evaluations=settings.evaluations)
+    tell("rays at the optimum")
+    roughly = partial(search, tolerance=max(settings.tolerance, problem.finest))
+    problem, _ = settled(problem, _starts(problem, settings)[0], SETTLED, roughly)
     answer = solve(problem, settings, tell)
-    # Of a lexicographic order the stages are solved as they were settled.
-    for _ in range(MOST_SETTLING if answer.feasible and answer.problem is answer.asked else 0):
-        problem, moved = answer.problem.told_by_rays(answer.unit)
-        end = searched(problem, answer.unit, budget, settings.evaluations, problem.finest) if moved > FEASIBLE else None
-        if end is None or not end.feasible:
+    if not answer.feasible or answer.problem is not answer.asked:  # of a lexicographic order stages stay as solved
+        return answer
+    problem, end = settled(problem, answer.unit, FEASIBLE, partial(search, tolerance=problem.finest))
+    if not end.feasible:
+        return answer
+    by = end.merit - answer.merit  # where other searches ended, numbers move along
+    ends = tuple(replace(one, merit=one.merit + by) for one in answer.searches)
+    checks = tuple(replace(one, polished=replace(one.polished, merit=one.polished.merit + by)) for one in answer.checks)
+    active, residual = _rests(problem, end.unit)
+    answer = replace(answer, problem=problem, asked=problem, searches=ends, active=active, residual=residual)
+    return replace(answer, unit=end.unit, merit=end.merit, violation=end.violation, checks=checks)
+
+
+def settled(
+    problem: DesignProblem, unit: Array, within: float, search: Callable[[DesignProblem, Array], Search]
+) -> tuple[DesignProblem, Search]:
+    """A search that ends where rays tell what it took them to tell, but for so little, and the problem that it solves.
+
+    It begins anew from its end until then, at most `MOST_SETTLING` times.
+    """
+    for _ in range(MOST_SETTLING):
+        end = search(problem, unit)
+        problem, moved = problem.told_by_rays(end.unit)
+        if moved <= within:
             break
-        # Where other searches ended, numbers move along.
-        by = end.merit - answer.merit
-        ends = tuple(replace(one, merit=one.merit + by) for one in answer.searches)
-        checks = tuple(
-            replace(one, polished=replace(one.polished, merit=one.polished.merit + by)) for one in answer.checks
-        )
-        active, residual = _rests(problem, end.unit)
-        answer = replace(answer, problem=problem, asked=problem, searches=ends, active=active, residual=residual)
-        answer = replace(answer, unit=end.unit, merit=end.merit, violation=end.violation, checks=checks)
-    return answer
+        unit = end.unit
+    return problem, end
 
 
 def _starts(problem: DesignProblem, settings: Settings) -> list[Array]:
