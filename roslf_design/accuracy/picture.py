@@ -24,7 +24,7 @@ from ..imaging.camera import planned_camera
 from ..imaging.lens_rays import LENS_EFFECTS
 from ..imaging.render import AROUND, RawImage, method_of, render
 from ..imaging.trace import TOGETHER, RaySampling
-from ..imaging.transfer import LEAST_HALO
+from ..imaging.transfer import halo
 from ..imaging.white import neighbour_interference
 from ..scenes import Scene
 from ..theory.light import object_sample
@@ -54,8 +54,6 @@ PATCH, PATCHES = 20, 6
 """Pixels across a patch, and how many there are."""
 WIDE, FEW = 48, 2
 """Pixels across a patch, and number of patches, with diffraction: each patch then takes wide margins."""
-MARGINS = 2 * LEAST_HALO
-"""Pixels that they add."""
 SAFETY = 1.25
 """Errors of other patches scatter."""
 CHEAP, CHEAPER = 1e8, 0.5
@@ -186,6 +184,8 @@ class _Job:
         self.design, self.scene, self.plan, self.budget, self.seed = design, scene, chosen, budget, seed
         width, height = design.pixels
         self.region = tuple(region) if region is not None else (0, 0, width, height)
+        self.camera = planned_camera(design, chosen)
+        self.transfer = MicrolensTransfer.of(self.camera, chosen, scene.light.wavelengths)
         self.method = method or method_of(design, scene, chosen)
         spread = chosen.on("microlens_diffraction") or chosen.on("microlens_defocus")
         self.convolved = spread and self.method in ("rays", "convolution")
@@ -216,9 +216,7 @@ class _Job:
     def model(self) -> str:
         """Model error that no number of samples gets past, in words."""
         if self.scene.white is not None and self.plan.on("microlens_diffraction"):
-            camera = planned_camera(self.design, self.plan)
-            transfer = MicrolensTransfer.of(camera, self.plan, self.scene.light.wavelengths)
-            most = neighbour_interference(camera, transfer)
+            most = neighbour_interference(self.camera, self.transfer)
             return (
                 f"interference of neighbouring microlenses, left out, changes pixels by up to {most:.2g} of full scale"
             )
@@ -238,7 +236,8 @@ class _Job:
         per = sampling.side**2 or sampling.most
         area, count = float(PATCH**2), PATCHES
         if self.convolved:
-            area, count = WIDE**2 + AROUND * ((WIDE + MARGINS) ** 2 - WIDE**2), FEW
+            wide = WIDE + 2 * halo(self.transfer, float(self.camera.q), self.budget.intensity)
+            area, count = WIDE**2 + AROUND * (wide**2 - WIDE**2), FEW
         return float(count * area * per * (1 + FINER * (2 if sampling.side else 1)))
 
     def patches(self, which: int, whole: bool) -> list[Patch]:

@@ -82,13 +82,13 @@ class _Contents(Options):
         "several times.",
     )
 
-    def maker(self, names: Sequence[str], compare: bool) -> Callable[..., Report]:
-        """Function that makes the report of these inputs, each read and found good."""
+    def maker(self, names: Sequence[str], compare: bool) -> tuple[str, Callable[..., Report]]:
+        """Title, and function that makes the report of these inputs, each read and found good."""
         distances = read_distances(self.at)
         if compare and distances:
             raise refusal("at", "goes with one design, study or story; leave it out beside --compare")
-        make = maker(names, compare, self.seed, self.accuracy, self.calibration)
-        return partial(make, at=distances) if distances else make
+        title, make = maker(names, compare, self.seed, self.accuracy, self.calibration)
+        return title, partial(make, at=distances) if distances else make
 
 
 CONTENTS = _Contents()
@@ -140,13 +140,13 @@ def report(
         day. SOURCE_DATE_EPOCH sets the date. Default: the PDF alone.
     """
     names, wanted = (design, *others), figure or []
-    make = contents.maker(names, compare)
+    title, make = contents.maker(names, compare)
     solid = [name for name in wanted if name in SOLID]
     if solid and (len(names) > 1 or load_story_or_study(Path(design))[0] != "design"):
         raise refusal("figure", "3d and model are of one design; name its file alone")
     folder = Path("report-" + "-".join(map(folder_name, names))) if output is None else output
     pages = [PAGE, "report.pdf"][: 1 + pdf]
-    check_options(contents.seed, folder, title=_title(names, compare), pages=pages)
+    check_options(contents.seed, folder, title=title, pages=pages)
     if pdf:
         check_typst("pdf")
     command = typed(
@@ -184,8 +184,8 @@ def maker(
     seed: int | None,
     accuracy: float | None,
     calibration: Path | None = None,
-) -> Callable[..., Report]:
-    """Maker of the report of these inputs, each read and found good.
+) -> tuple[str, Callable[..., Report]]:
+    """Title and maker of the report of these inputs, each read and found good.
 
     Raises
     ------
@@ -211,27 +211,17 @@ def maker(
         for each in designs:
             check_evaluation_accuracy(each, accuracy)
         if compare:
-            return partial(comparison_report, designs, accuracy=accuracy)
+            return comparison_title(designs), partial(comparison_report, designs, accuracy=accuracy)
         known = None if calibration is None else read_calibration(calibration)
         make = partial(full_report, designs[0], seed=seed or 0, accuracy=accuracy)
-        return partial(make, calibrated=known, calibration=calibration)
+        return designs[0].name, partial(make, calibrated=known, calibration=calibration)
     if accuracy is not None:
         remedy = "leave it out" if kind == "story" else f"ask it of roslf {kind}"
         raise refusal("accuracy", f"goes with designs, and {names[0]} is {KINDS[kind].called}; {remedy}")
     if story is not None:
-        return partial(story_report, story, seed=seed)
-    return partial(study_report, kind, Path(names[0]), seed=seed)
-
-
-def _title(names: Sequence[str], compare: bool) -> str:
-    """Title that the report of these inputs will have, known before any work."""
-    if compare:
-        return comparison_title([as_design(name) for name in names])
+        return story.table.story.title, partial(story_report, story, seed=seed)
     path = Path(names[0])
-    kind, story = load_story_or_study(path)
-    if story is not None:
-        return story.table.story.title
-    return as_design(names[0]).name if kind == "design" else str(read_toml(path, names[0]).get("name", ""))
+    return str(read_toml(path, names[0]).get("name", "")), partial(study_report, kind, path, seed=seed)
 
 
 def folder_name(design: str) -> str:

@@ -104,7 +104,7 @@ class Conflict:
 
     @property
     def smallest(self) -> tuple[str, ...]:
-        """What clashes, in words."""
+        """Limits that clash, in words."""
         return tuple(one.asked for one in self.clashing)
 
     @property

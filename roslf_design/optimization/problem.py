@@ -359,7 +359,8 @@ class DesignProblem:
             result = np.empty((1 + len(self.rows), len(units)))
             traces = self.traces(cameras, lens)
             measured = [limit.measured(cameras, traces) for limit in self.constraints]
-            known = {c.asked: values for c, values in zip(self.constraints, measured, strict=True) if c.as_judged}
+            pairs = zip(self.constraints, measured, strict=True)
+            known: dict[object, Array] = {limit.asked: values for limit, values in pairs if limit.as_judged}
             result[0] = self.merit(cameras, traces, known)
             result[1:] = self.rows_of(cameras, len(units), traces, lens, measured)
         return result

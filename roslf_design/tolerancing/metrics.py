@@ -156,12 +156,10 @@ def share_by_rays(design: Design, name: str, at: float | None) -> float | None:
     asked = DISTANT.get(name)  # of decoders it is no quantity of a design
     if asked is None or asked.of_rays is None or not design.main_lens.kind.mounted:
         return None
-    return _seen(design).share(asked, at)
+    return _images_of(design).share(asked, at)
 
 
-@lru_cache(maxsize=8)
-def _seen(design: Design) -> FieldImages:
-    return FieldImages.of(design)
+_images_of = lru_cache(maxsize=8)(FieldImages.of)
 
 
 def _lenslet_offsets(question: Question, values: Mapping[str, Array]) -> tuple[Number, Number] | None:

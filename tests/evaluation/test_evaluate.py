@@ -587,7 +587,7 @@ def test_a_report_passes_it_on(tmp_path):
     path = tmp_path / "tilted.toml"
     roslf.save(tilted, path)
     for names, compare in (((str(path),), False), ((str(path), "paper"), True)):
-        assert maker(names, compare, None, 0.01).keywords["accuracy"] == 0.01
+        assert maker(names, compare, None, 0.01)[1].keywords["accuracy"] == 0.01
     section = _accuracy_section(tilted, roslf.evaluate(tilted, accuracy=0.01), 0.01)
     assert f"{rays_for(0.01)} rays" in str(section)
     assert "asked for 0.01" in str(section)
