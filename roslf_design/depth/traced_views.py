@@ -29,7 +29,7 @@ from ..shapes.lattice import PACKINGS
 from ..shapes.openings import Openings
 from ..theory.colours import panchromatic
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
-from ..theory.image_parts import across_lenses
+from ..theory.image_parts import APART, SLOW, STEPS, ImageParts, across_lenses, with_farther
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus
 from ..theory.light_field import rim_disparity
@@ -225,6 +225,29 @@ class TracedViews:
         good = np.asarray((middle.ok & whole).reshape(4, -1).all(0))
         return np.where(good[:, None, None], apart, np.eye(2))
 
+    def parts(self, field: LightField, places: Array) -> ImageParts | None:
+        """Light in samples of images of which some are cut, as `TracedLens` has it."""
+        if not self._any_cut(places):
+            return None
+        (coefficients, room), images, apart = self._polynomials(places), self.images(places), self.apart(places)
+        packing = PACKINGS[self.camera.layout]
+        steps = np.array(STEPS[:-4]) @ packing.steps.T
+        (x, at_x), (y, at_y) = (np.unique(axis.round(9), return_inverse=True) for axis in steps.T)
+        along, up = np.array(SLOW).T
+        waves, each = np.stack([along, packing.wave_up(along, up)], -1), []
+        for image, between, fap, left in zip(images, apart.diagonal(0, 1, 2), coefficients[2], room, strict=True):
+            sampled = replace(_Sampled.of(self.camera, field, image[None]), apart=tuple(between))
+            powers, inside = sampled.image(image, fap, left)
+            around = replace(sampled, wide=APART, steps=(x, y))  # neighbours' images are this one, where those stand
+            parts = around(inside * powers[[0, PUPIL_DEGREE + 1, 1]])  # light, and twice its places
+            parts = parts.reshape(3, y.size, field.t.size, x.size, field.s.size).swapaxes(2, 3)[:, at_y, at_x]
+            light = with_farther(parts[0], sampled.among_neighbours(waves)(inside[None]))
+            lit = light[:-4] != 0
+            side = math.copysign(0.5, float(self.camera.seen.A) * float(self.camera.seen.D_F))
+            means = side * np.divide(parts[1:], parts[0], out=np.zeros_like(parts[1:]), where=lit)
+            each.append([light, *np.pad(means, [(0, 0), (0, 4), (0, 0), (0, 0)])])
+        return ImageParts(STEPS, *np.stack(each, 2))
+
     def aside(self, places: Array, pupil: Array) -> Array:
         """How far to the side views from points on the FAP see, as `TracedLens` has it."""
         coefficients = self._polynomials(places)[0][1]
@@ -288,13 +311,17 @@ class TracedViews:
         rays = views(self.mounted, c[:, None], samples, clip=False)
         return c, rays, np.asarray((rays.state == RayFate.KEPT).all(-1))
 
+    def _any_cut(self, places: Array) -> bool:
+        """True where rays do not pass lens and stops from some places."""
+        _, rays, good = self._rays(places)
+        return bool((good & (rays.margin[:, -SPOKES:] < 0).any(-1)).any())
+
     def _powers(self, field: LightField, places: Array) -> Array | None:
         """Means of `_over_pupil` over the light of each sample of cut images, (3, terms, t, s, n); None of whole ones.
 
         And how they change from one microlens to the next, along the array and up.
         """
-        _, rays, good = self._rays(places)
-        if not (good & (rays.margin[:, -SPOKES:] < 0).any(-1)).any():
+        if not self._any_cut(places):
             return None
         around = np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)]) * AROUND
         there = (places[:, None] + around * float(self.camera.d)).reshape(-1, 2)
@@ -436,6 +463,10 @@ class _Sampled:
     """Places along each axis that images are known at [distances between them], shape (points,)."""
     apart: tuple[float, float] = (1.0, 1.0)
     """Distances between neighbours' images along each axis [image pitches]; skew is left out."""
+    wide: float = WIDE
+    """Those after which images taken to stand alone repeat themselves."""
+    steps: tuple[Array | tuple[float], ...] = ((0.0,), (0.0,))
+    """Along each axis, to the images that samples are taken of, all of one after those of another."""
 
     @classmethod
     def of(cls, camera: Camera, field: LightField, shapes: Array) -> _Sampled:
@@ -477,8 +508,9 @@ class _Sampled:
     @property
     def samples(self) -> tuple[Array, Array]:
         """Places of samples along each axis [distances between images]."""
-        along, up = self.apart
-        return self.field.s / (self.field.pitch * along), self.field.t / (self.field.pitch * up)
+        axes = zip((self.field.s, self.field.t), self.apart, self.steps, strict=True)
+        along, up = (-np.subtract.outer(step, at / (self.field.pitch * apart)).ravel() for at, apart, step in axes)
+        return along, up
 
     @property
     def pitch(self) -> float:
@@ -504,11 +536,11 @@ class _Sampled:
     @cached_property
     def _alone(self) -> tuple[Array, Array, Any, Array, Array]:
         """Transforms of images, of which those at negative frequencies up are the others' conjugates, and back."""
-        most = math.ceil(self.finest * WIDE)
-        frequency = np.arange(-most, most + 1) / WIDE
+        most = math.ceil(self.finest * self.wide)
+        frequency = np.arange(-most, most + 1) / self.wide
         up = frequency[most:]
         along, down = (np.exp(-2j * math.pi * axis[:, None] * self.at) for axis in (frequency, up))
-        passed = self.transfer(frequency, up[:, None]) / WIDE**2 * np.where(up > 0, 2, 1)[:, None]
+        passed = self.transfer(frequency, up[:, None]) / self.wide**2 * np.where(up > 0, 2, 1)[:, None]
         (s, t), waves = self.samples, 2j * math.pi
         x, y = np.exp(waves * frequency[:, None] * s), np.exp(waves * t[:, None] * up)
         return along.T.copy(), np.concatenate([down.real, down.imag]), passed, x, y

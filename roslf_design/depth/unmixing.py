@@ -87,6 +87,12 @@ class TracedLens(Protocol):
     def apart(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """How far neighbours' images lie apart there, against first order, row by column (n, 2, 2)."""
 
+    def parts(self, field: LightField, places: NDArray[np.float64]) -> ImageParts | None:
+        """Light in samples where images are cut at some places (n, 2), neighbours' where they lie; None of whole ones.
+
+        As `image_parts` has it, its places on the FAP by first order.
+        """
+
     def aside(self, places: NDArray[np.float64], pupil: NDArray[np.float64]) -> NDArray[np.float64]:
         """How far to the side views from points on the FAP (2, n, ...) [diameters] see there [pitches]; likewise."""
 
@@ -199,15 +205,10 @@ class ViewLight:
         """`ImageParts` of microlenses at some rows and columns of views; of one where all are alike."""
         rows, columns, _ = self.nodes
         places = self.places[np.ix_(rows, columns)].reshape(-1, 2)
+        if self.real is not None and (cut := self.real.parts(self.like, places)) is not None:
+            return rows, columns, _of_lenses(cut, cut.light.any((1, 2, 3)))
         parts = _parts_at(panchromatic(self.camera), places, self.like, self.real)
-        if self.real is None:
-            return rows, columns, parts
-        # Neighbours' images lie where rays have them, which pupils with aberrations bring nearer.
-        steps = np.transpose(PACKINGS[self.camera.layout].steps @ np.transpose(parts.steps))
-        nearer = np.moveaxis(steps @ (np.eye(2) - self.real.apart(places)), 0, 1)[..., None, None, :]
-        slopes = np.gradient(parts.light, self.like.t / self.like.pitch, self.like.s / self.like.pitch, axis=(2, 3))
-        moved = parts.light + nearer[..., 0] * slopes[1] + nearer[..., 1] * slopes[0]
-        return rows, columns, parts._replace(light=np.where(parts.light > 0, np.maximum(moved, 0), parts.light))
+        return rows, columns, _nearer(parts, self.camera, places, self.like, self.real)
 
     @cached_property
     def places(self) -> NDArray[np.float64]:
@@ -231,8 +232,10 @@ class ViewLight:
         if field.hexagonal is not None:
             start = np.rint(field.hexagonal.starts - field.v / math.sqrt(3)).astype(int)
         maps = NodeMap.of(rows, columns, (len(field.v), len(field.u)), size)
-        beside = self.beside(self.places[np.ix_(rows, columns)].reshape(-1, 2), parts)
-        return *(_each_between(self.camera, field, parts) or (parts, maps)), start, beside
+        places = self.places[np.ix_(rows, columns)].reshape(-1, 2)
+        beside = self.beside(places, parts)
+        between = _each_between(self.camera, places, field, self.real, parts)
+        return *(between or (parts, maps)), start, beside
 
     @cached_property
     def _freeing(self) -> _Freeing:
@@ -536,13 +539,30 @@ def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField, re
         image_parts(_cut(camera, places[part], real), s, t, reading(field), image[part])
         for part in np.split(some, range(block, some.size, block))
     ]
-    steps = pieces[0].steps
     # Of many places, microlenses that none has light of would be most of what is to be held.
     lit = np.any([part.light.any((1, 2, 3)) for part in pieces], 0) | (len(places) == 1)
-    light, x, y = (
-        np.concatenate([getattr(part, name)[lit] for part in pieces], 1)[:, back] for name in ("light", "x", "y")
-    )
-    return ImageParts(tuple(step for step, some in zip(steps, lit, strict=True) if some), light, x, y)
+    pieces = [_of_lenses(part, lit) for part in pieces]
+    light, x, y = (np.concatenate([part[k] for part in pieces], 1)[:, back] for k in (1, 2, 3))
+    return ImageParts(pieces[0].steps, light, x, y)
+
+
+def _nearer(
+    parts: ImageParts, camera: Camera, places: NDArray[np.float64], field: LightField, real: TracedLens | None
+) -> ImageParts:
+    """Light of neighbours where rays have their images, which pupils with aberrations bring nearer."""
+    if real is None:
+        return parts
+    steps = np.transpose(PACKINGS[camera.layout].steps @ np.transpose(parts.steps))
+    nearer = np.moveaxis(steps @ (np.eye(2) - real.apart(places)), 0, 1)[..., None, None, :]
+    slopes = np.gradient(parts.light, field.t / field.pitch, field.s / field.pitch, axis=(2, 3))
+    moved = parts.light + nearer[..., 0] * slopes[1] + nearer[..., 1] * slopes[0]
+    return parts._replace(light=np.where(parts.light > 0, np.maximum(moved, 0), parts.light))
+
+
+def _of_lenses(parts: ImageParts, some: NDArray[np.bool_]) -> ImageParts:
+    """Light of some of the microlenses alone."""
+    steps = tuple(step for step, one in zip(parts.steps, some, strict=True) if one)
+    return ImageParts(steps, *(part[some] for part in parts[1:]))
 
 
 def reading(field: LightField) -> Read:
@@ -560,8 +580,12 @@ def light_shares(light: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.divide(light, total, out=np.zeros_like(light), where=total > 0))
 
 
-def _each_between(camera: Camera, field: LightField, parts: ImageParts) -> tuple[ImageParts, NodeMap] | None:
-    """Light at each of several places between pixels, of whole images, and the way to lenses; None where it is alike.
+def _each_between(
+    camera: Camera, places: NDArray[np.float64], field: LightField, real: TracedLens | None, parts: ImageParts
+) -> tuple[ImageParts, NodeMap] | None:
+    """Light at each of several places between pixels, of whole images that one place stands for, and the way to lenses.
+
+    None where it is alike.
 
     Where detail of microlens images is finer than pixels, what a sample has of its neighbours' light changes with where
     it lies between them.
@@ -569,10 +593,13 @@ def _each_between(camera: Camera, field: LightField, parts: ImageParts) -> tuple
     turned = abs(math.sin(4 * float(camera["microlens_array.rotation"]))) / 4 * field.pitch / 2
     if field.between is None or parts.light.shape[1] > 1 or turned > TURNED:
         return None
-    images = MicrolensImages(panchromatic(camera), [(0.0, 0.0)])
+    images = _cut(panchromatic(camera), places, real)
+    if images.shapes.kept_fraction.min() < 1 - 1e-9:
+        return None
+    image = _images(places, real)
     for count in (2, BETWEEN):
         reads = [partial(read_between, between=np.array([part])) for part in np.arange(count) / count]
-        light = light_read(images, field.s / field.pitch, field.t / field.pitch, (reads, reads))
+        light = light_read(images, field.s / field.pitch, field.t / field.pitch, (reads, reads), image)
         share = light_shares(light)[parts.steps.index((0, 0))]
         if np.ptp(share[:, (share > LEAST).any(0)], axis=0).max(initial=0.0) < ALIKE:
             return None
@@ -582,7 +609,8 @@ def _each_between(camera: Camera, field: LightField, parts: ImageParts) -> tuple
     along, down = (field.between * BETWEEN % 1).astype(np.float32)
     light = light[:, nodes]
     x, y = (np.broadcast_to(part, light.shape) for part in parts[2:])
-    return ImageParts(parts.steps, light, x, y), NodeMap(row * (BETWEEN + 1) + column, down, along, BETWEEN + 1)
+    each = _nearer(ImageParts(parts.steps, light, x, y), camera, places, field, real)
+    return each, NodeMap(row * (BETWEEN + 1) + column, down, along, BETWEEN + 1)
 
 
 class Mixing(NamedTuple):

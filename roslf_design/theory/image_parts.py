@@ -33,6 +33,8 @@ REACH, FAINT = 3, 5e-4
 """Steps of the lattice to the farthest neighbours that `image_parts` takes one by one; light that it lets be."""
 FAR = 4
 """Steps to those that stand for all others: tails of diffraction fall off slowly, and shift what a place shows."""
+SLOW = ((0.0, 0.0), (1 / (4 * FAR), 0.0), (0.0, 1 / (4 * FAR)))
+"""None, and waves along the lattice [periods a step] that those show a quarter of a period earlier or later."""
 DIM = 0.2
 """Share of detail that a microlens's width leaves below which its defocus is not followed."""
 WAVES = 1024
@@ -152,8 +154,7 @@ class _OwnWaves(NamedTuple):
 
     @classmethod
     def of(cls, images: MicrolensImages, x: Array, y: Array, read: Read, image: Array | None = None) -> _OwnWaves:
-        slow = 1 / (4 * FAR)
-        waves = _WavesOfLenses.of(images, x, y, read, ((slow, 0.0), (0.0, slow)), image=image)
+        waves = _WavesOfLenses.of(images, x, y, read, SLOW[1:], image=image)
         turns = np.exp(-2j * math.pi * (np.array(STEPS[:-4]) @ [waves.first, waves.second]))
         return cls(waves, waves.spectra(), turns)
 
@@ -167,11 +168,19 @@ class _OwnWaves(NamedTuple):
     def light(self) -> Array:
         """Light of microlenses, and of those that stand for all others."""
         at = self.waves.at_places(self.spectra[0])
-        light = self.alone(at)
-        light = np.where(np.abs(light) > FAINT, light, 0.0)  # read beside a rim it may be below none
-        even = (at[0].real - light.sum(0)) / 4
-        odd = (at[-2:].imag - np.einsum("aw,a...->w...", -self.turns[:, -2:].imag, light)) / 2
-        return np.concatenate([light, [even + odd[0], even - odd[0], even + odd[1], even - odd[1]]])
+        return with_farther(self.alone(at), at[[0, -2, -1]])
+
+
+def with_farther(light: Array, slow: Complex) -> Array:
+    """Light of microlenses at `STEPS` but the last four, faint of which is let be, and of those.
+
+    By what all microlenses show of each wave of `SLOW`.
+    """
+    light = np.where(np.abs(light) > FAINT, light, 0.0)  # read beside a rim it may be below none
+    turns = np.sin(2 * math.pi * np.array(STEPS[:-4]) @ np.transpose(SLOW[1:]))
+    even = (slow[0].real - light.sum(0)) / 4
+    odd = (slow[1:].imag - np.einsum("aw,a...->w...", turns, light)) / 2
+    return np.concatenate([light, [even + odd[0], even - odd[0], even + odd[1], even - odd[1]]])
 
 
 def across_lenses(shape: LensShape, turn: Number, fx: Array, fy: Array, periods: Array) -> Array:
@@ -265,9 +274,9 @@ def image_parts(
     return ImageParts(STEPS, light, s_x, s_y)
 
 
-def light_read(images: MicrolensImages, x: Array, y: Array, read: Read) -> Array:
+def light_read(images: MicrolensImages, x: Array, y: Array, read: Read, image: Array | None = None) -> Array:
     """Light of `image_parts` at places that are read in several ways: shape (steps, ways, T, S).
 
     Of a single field; every way along x is paired with each along y, those along x first.
     """
-    return _OwnWaves.of(images, x, y, read).light
+    return _OwnWaves.of(images, x, y, read, image).light

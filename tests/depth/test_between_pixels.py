@@ -108,3 +108,41 @@ def test_microlenses_of_the_margin_are_lit_however_many_pixels_they_have(monkeyp
     rim = np.concatenate([shown[:13], shown[-13:], shown[:, :13].T, shown[:, -13:].T], axis=1)
     cells = rim[:, : rim.shape[1] // 13 * 13].reshape(13, -1, 13).mean((0, 2))
     assert cells.min() > 0.5 * np.median(shown)
+
+
+class Grown:
+    """A lens that makes whole images larger than first order has them, and brings them nearer together."""
+
+    def cut(self, images):
+        return images
+
+    def images(self, places):
+        return np.broadcast_to(np.diag([1.06, 1.03]), (len(places), 2, 2))
+
+    def apart(self, places):
+        return np.broadcast_to(np.diag([0.99, 0.995]), (len(places), 2, 2))
+
+    def aside(self, places, pupil):
+        return np.zeros_like(pupil)
+
+    def parts(self, field, places):
+        return None
+
+
+def test_light_at_places_between_pixels_is_on_average_that_of_all_behind_a_real_lens():
+    """Where one place stands for all, light between pixels left out what the lens makes of images: .3 at rims."""
+    design = roslf.load("ear-speculum")
+    pitch = 239 / 16
+    pixel = float(microlens_image_pitch(Camera.of(design))) / pitch
+    camera = Camera.of(design.replace({"sensor.pixel": pixel}))
+    at, u = np.arange(-8.0, 9.0), np.arange(16.0)
+    ranks = (np.arange(u.size) + 0.5) / u.size
+    between = np.stack(np.meshgrid(ranks, ranks)).astype(np.float32)
+    blank = np.ones((at.size, at.size, u.size, u.size), np.float32)
+    field = LightField(blank, blank, at, at, u, u, pitch, between=between)
+    light = ViewLight(camera, field, Grown())
+    each, maps, *_ = light._mixed
+    parts = light.parts[2]
+    assert each.light.shape[1] > 1
+    mean = maps(np.moveaxis(each.light, 1, -1)).mean((-2, -1))
+    np.testing.assert_allclose(mean, parts.light[:, 0], atol=5e-4)
