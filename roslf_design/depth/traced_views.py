@@ -312,7 +312,7 @@ class TracedViews:
         return c, rays, np.asarray((rays.state == RayFate.KEPT).all(-1))
 
     def _any_cut(self, places: Array) -> bool:
-        """True where rays do not pass lens and stops from some places."""
+        """Whether rays from some places do not pass lens and stops."""
         _, rays, good = self._rays(places)
         return bool((good & (rays.margin[:, -SPOKES:] < 0).any(-1)).any())
 
@@ -464,9 +464,9 @@ class _Sampled:
     apart: tuple[float, float] = (1.0, 1.0)
     """Distances between neighbours' images along each axis [image pitches]; skew is left out."""
     wide: float = WIDE
-    """Those after which images taken to stand alone repeat themselves."""
+    """Distances after which images taken to stand alone repeat themselves."""
     steps: tuple[Array | tuple[float], ...] = ((0.0,), (0.0,))
-    """Along each axis, to the images that samples are taken of, all of one after those of another."""
+    """Distances along each axis to the images that samples are taken of, all of one after those of another."""
 
     @classmethod
     def of(cls, camera: Camera, field: LightField, shapes: Array) -> _Sampled:
