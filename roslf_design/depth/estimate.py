@@ -75,6 +75,7 @@ class DisparityStatus(IntEnum):
     AMBIGUOUS = 7
     MIXED = 8
     FOLDED = 9
+    UNSHARP = 10
 
     @property
     def reason(self) -> str:
@@ -93,6 +94,7 @@ _REASONS = {
     DisparityStatus.AMBIGUOUS: "texture repeats: two disparities fit alike",
     DisparityStatus.MIXED: "microlens images overlap: no pixel shows mostly its own microlens",
     DisparityStatus.FOLDED: "rays fold or are lost about it: nothing tells where its views look",
+    DisparityStatus.UNSHARP: "the lens is not sharp there: views look aside by more than a window",
 }
 
 

@@ -39,6 +39,7 @@ from .geometry import ArrayGeometry, ViewGeometry, Viewing, disparity_of, sigma_
 from .pictures import SLANT, Framed, PictureOptions, Unexposed, Work, chief_rays, default_scene, lattice_of, rays_for
 from .traced_views import TracedViews
 from .unmixing import places_on_array
+from .windows import QUORUM
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -139,6 +140,15 @@ class Depths:
         off = disparity - columns @ plane
         rms = self.geometry.sigma(self.depth[known], np.abs(off))
         return _Flatness(float(np.sqrt((rms**2).mean())), float((np.abs(off) * weight < 1).mean()))
+
+    @property
+    def views_aside(self) -> Array:
+        """Microlenses by which views look aside of one another at most, by faults of lens and elements."""
+        if self.aside is None or self.aside.ndim == 3:
+            return np.zeros(self.depth.shape)
+        lit = self.field.weight > 0
+        low, high = (end(self.aside, (1, 2), initial=0.0, where=lit) for end in (np.min, np.max))
+        return np.asarray(np.hypot(*(high - low)))
 
     @property
     def measured(self) -> Flags:
@@ -384,7 +394,13 @@ def measure(
     sigma[known] = geometry.sigma(z[known], disparities.sigma[known])
     off = geometry.calibration_sigma(z)
     disparities = replace(disparities, begun=None)
-    return Depths(geometry, field, pupil, aside, disparities, geometry.places(field), z, sigma, off)
+    depths = Depths(geometry, field, pupil, aside, disparities, geometry.places(field), z, sigma, off)
+    # Where hardly any is known it is no occlusion that views disagree by.
+    far = depths.views_aside > disparities.window
+    if far.any() and depths.measured[far].mean() < QUORUM:
+        blurred = far & (disparities.status == DisparityStatus.INCONSISTENT)
+        disparities.status[blurred] = DisparityStatus.UNSHARP
+    return depths
 
 
 def _aliased(

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from ...depth.measure import Depths, Measurement, Prediction
 
 UNKNOWN = {
-    1: "grey", 2: "dark", 3: "orange", 4: "vermillion", 5: "purple", 6: "sky", 7: "green", 8: "blue", 100: "pale",
+    1: "grey", 2: "dark", 3: "orange", 4: "vermillion", 5: "purple", 6: "sky", 7: "green", 8: "blue", 9: "lost",
+    10: "cut", 100: "pale",
 }  # fmt: skip
 """Colours of microlenses without a depth, by the number of their reason."""
 LEFT, TOP, RIGHT, BELOW = 62.0, 28.0, 84.0, 42.0
