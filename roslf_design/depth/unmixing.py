@@ -88,10 +88,7 @@ class TracedLens(Protocol):
         """How far neighbours' images lie apart there, against first order, row by column (n, 2, 2)."""
 
     def parts(self, field: LightField, places: NDArray[np.float64]) -> ImageParts | None:
-        """Light in samples where images are cut at some places (n, 2), neighbours' where they lie; None of whole ones.
-
-        As `image_parts` has it, its places on the FAP by first order.
-        """
+        """`ImageParts` where images are cut at some places (n, 2), neighbours' where they lie; None of whole ones."""
 
     def aside(self, places: NDArray[np.float64], pupil: NDArray[np.float64]) -> NDArray[np.float64]:
         """How far to the side views from points on the FAP (2, n, ...) [diameters] see there [pitches]; likewise."""
@@ -583,9 +580,7 @@ def light_shares(light: NDArray[np.float64]) -> NDArray[np.float64]:
 def _each_between(
     camera: Camera, places: NDArray[np.float64], field: LightField, real: TracedLens | None, parts: ImageParts
 ) -> tuple[ImageParts, NodeMap] | None:
-    """Light at each of several places between pixels, of whole images that one place stands for, and the way to lenses.
-
-    None where it is alike.
+    """Light between pixels, of whole images that one place stands for, and the way to lenses; None where it is alike.
 
     Where detail of microlens images is finer than pixels, what a sample has of its neighbours' light changes with where
     it lies between them.
