@@ -412,7 +412,9 @@ def _filtered(
 
 def _apart(waves: NDArray[np.complex128]) -> NDArray[np.float64]:
     """Real and imaginary parts of waves (..., W) one after the other, shape (..., 2, W)."""
-    return np.stack([waves.real, waves.imag], -2)
+    parts = np.empty((*waves.shape[:-1], 2, waves.shape[-1]))  # one layout, whatever theirs
+    parts[..., 0, :], parts[..., 1, :] = waves.real, waves.imag
+    return parts
 
 
 @kernel(parallel=True)

@@ -52,7 +52,7 @@ from .disparity_information import (
     summed_information,
 )
 from .f_number import fill_factor
-from .image_parts import AS_IT_IS, light_read
+from .image_parts import whole_light
 from .information_series import interpolated_information
 from .photometry import NOTHING, Beside, dark_variance, electrons, through_filter, veil_electrons
 from .stop_images import MicrolensImages
@@ -217,7 +217,7 @@ def share_saturated(c: Camera) -> float:
         return 0.0
     places = (np.arange(CELL_PLACES) + 0.5) / CELL_PLACES
     x, y = places, np.concatenate([places, 1 + places]) * rise  # rows of hexagonal arrays alternate
-    charge = lit * light_read(images, x, y, AS_IT_IS).sum(0)
+    charge = lit * whole_light(images, x, y)
     return float(normal_share((charge - room) / spread(charge)).mean())
 
 

@@ -280,3 +280,9 @@ def light_read(images: MicrolensImages, x: Array, y: Array, read: Read, image: A
     Of a single field; every way along x is paired with each along y, those along x first.
     """
     return _OwnWaves.of(images, x, y, read, image).light
+
+
+def whole_light(images: MicrolensImages, x: Array, y: Array) -> Array:
+    """Light of `light_read` of all microlenses together, at places as they are: shape (1, T, S)."""
+    even = _WavesOfLenses.of(images, x, y, AS_IT_IS, ((0.0, 0.0),), mean=False)
+    return np.asarray(even.at_places(even.spectra()[0])[0].real)
