@@ -73,6 +73,16 @@ def test_waves_over_the_array_reach_pixels_by_all_their_microlenses(wave):
     assert np.abs(off[np.abs(real + 1j * imaginary) > 0.01]).max() < 1e-3
 
 
+def test_light_of_large_images_comes_from_as_near_as_accuracy_asks(monkeypatch):
+    """White pixels with light from two microlenses around (116 px), and with that from eight (464 px)."""
+    lines, seen, transfer = planned(load("mismatched-borescope").replace({"microlens_array.pitch": 0.2}))
+    given = Region(1000, 600, 64, 64), WhiteGeometry.of(seen, lines).image, transfer, float(seen.q), 1
+    ((_, near),) = bands(*given)
+    monkeypatch.setattr("roslf_design.imaging.transfer.LEAST_BLURS", math.inf)
+    ((_, far),) = bands(*given)
+    assert 0 < np.abs(near - far).max() < 1e-3  # of 1e-2 that is promised
+
+
 def test_isolated_round_microlens_against_huygens_quadrature():
     """One microlens of an array of one, out of focus: the convolution with its own kernel."""
     lone = ROUND.replace({"microlens_array.size": (0.064, 0.064)}, f_ml=1.6)

@@ -21,7 +21,7 @@ from roslf_design.theory.disparity_error import (
 )
 from roslf_design.theory.disparity_information import Seen, Spectrum, _bessel_quotients, overlapping
 from roslf_design.theory.exit_pupil import microlens_image_pitch
-from roslf_design.theory.image_parts import image_parts
+from roslf_design.theory.image_parts import AS_IT_IS, image_parts, light_read, whole_light
 from roslf_design.theory.lens_shapes import LENS_SHAPES
 from roslf_design.theory.photometry import dark_variance, electrons, exposure
 from roslf_design.theory.quantities import QUANTITIES
@@ -504,3 +504,9 @@ def test_images_overlap_by_what_stops_leave_of_them():
     u_z = QUANTITIES["u_z_mm"]
     assert np.isinf(u_z(Camera.of(wide)))
     assert float(u_z(Camera.of(stopped))) == pytest.approx(float(u_z(Camera.of(paper))), rel=5e-3)
+
+
+@pytest.mark.parametrize("name", ["paper", "paper-mismatched"])
+def test_light_of_all_microlenses_is_that_of_each_added_up(name):
+    images, at = MicrolensImages(Camera.of(roslf.load(name)), [(0.0, 0.0)]), (np.arange(5) - 2) / 5
+    assert_allclose(whole_light(images, at, at), light_read(images, at, at, AS_IT_IS).sum(0), rtol=1e-12, atol=1e-14)
