@@ -40,7 +40,7 @@ LEAST_PITCHES = 8.0
 """Microlenses around them that do, at least: waves over the array are then turned by less than 1 mrad, and depth is
 that of 14 to .0006 pitches; where tails end at six, waves are turned by 3 mrad, and pixels are 1.5e-3 off."""
 
-LEAST_BLURS = 40.0
+LEAST_BLURS = 80.0
 """Widths of diffraction's blur after which a quarter of them does: fewer are left of the tails than after those eight
 in the paper's camera, of 3.6 widths a microlens."""
 

@@ -74,7 +74,7 @@ def test_waves_over_the_array_reach_pixels_by_all_their_microlenses(wave):
 
 
 def test_light_of_large_images_comes_from_as_near_as_accuracy_asks(monkeypatch):
-    """White pixels with light from two microlenses around (116 px), and with that from eight (464 px)."""
+    """White pixels with light from three microlenses around (180 px), and with that from eight (463 px)."""
     lines, seen, transfer = planned(load("mismatched-borescope").replace({"microlens_array.pitch": 0.2}))
     given = Region(1000, 600, 64, 64), WhiteGeometry.of(seen, lines).image, transfer, float(seen.q), 1
     ((_, near),) = bands(*given)
