@@ -203,7 +203,7 @@ class ViewLight:
         rows, columns, _ = self.nodes
         places = self.places[np.ix_(rows, columns)].reshape(-1, 2)
         if self.real is not None and (cut := self.real.parts(self.like, places)) is not None:
-            return rows, columns, _of_lenses(cut, cut.light.any((1, 2, 3)))
+            return rows, columns, _of_lenses(cut, np.asarray(cut.light.any((1, 2, 3))))
         parts = _parts_at(panchromatic(self.camera), places, self.like, self.real)
         return rows, columns, _nearer(parts, self.camera, places, self.like, self.real)
 
