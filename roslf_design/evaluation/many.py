@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from ..theory.limits import as_design
 from ..theory.quantities import quantities_of_cameras, thin_lens_note
 from ..theory.quantity_table import QuantityTable
 from .evaluate import at_temperature
-from .specification import FieldImages
+from .specification import MOST_TRACED, rays_tell
 
 ANSWERS = (
     *("field_of_view_width_deg", "working_distance_mm", "field_half_width_mm", "object_sample_mm", "u_z_mm"),
@@ -36,7 +37,8 @@ def evaluate_many(
 ) -> QuantityTable:
     """Quantities of many designs as a table: a row a design, a column a quantity.
 
-    Designs that differ in numbers alone are computed all at once.
+    Designs that differ in numbers alone are computed all at once. Behind real lenses up to `MOST_TRACED` are traced,
+    one after the other, for what `evaluate` tells by rays.
 
     Parameters
     ----------
@@ -92,16 +94,21 @@ def evaluate_many(
         for quantity in known:
             if not (focused and quantity.of_views):
                 columns[quantity.name][rows] = quantity(camera, at if quantity.at != "never" else None)
-    for row, design in enumerate(used):
-        if not design.main_lens.kind.mounted:
-            continue
-        shown = FieldImages.of(design)
-        for quantity in known:
-            if (told := shown.told(quantity, at)) is not None:
-                columns[quantity.name][row] = told
+    by_rays = [quantity for quantity in known if quantity.of_rays is not None]
+    real = [row for row, design in enumerate(used) if design.main_lens.kind.mounted] if by_rays else []
+    few = len(real) <= MOST_TRACED
+    notes = [thin_lens_note(used, columns, traced=few)]
+    if not few:
+        notes[0] += f" (a table of up to {MOST_TRACED} designs, too)"
+    for row in real if few else ():
+        told, faults = rays_tell(partial(as_design, used[row]), [(quantity, at) for quantity in by_rays])
+        notes += [f"{named[row][0]} without what rays tell: {fault}" for fault in faults[:1]]
+        for quantity, value in zip(by_rays, told, strict=True):
+            if value is not None:
+                columns[quantity.name][row] = value
     names = np.array([name for name, _ in named])
     units = {quantity.name: quantity.unit for quantity in known}
-    return QuantityTable({"design": names, **columns}, units, note=thin_lens_note(used, columns))
+    return QuantityTable({"design": names, **columns}, units, note="; ".join(filter(None, notes)))
 
 
 def _name(design: Design | str | Path) -> str:

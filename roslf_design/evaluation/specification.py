@@ -14,6 +14,7 @@ import numpy as np
 from .._arrays import Array
 from ..camera import Camera
 from ..design import Design
+from ..errors import InputError, Problem
 from ..json_data import plain
 from ..options import Distance, check_distances
 from ..shapes.lattice import PACKINGS
@@ -226,6 +227,23 @@ class FieldImages:
         if quantity.of_rays is None or not self.design.main_lens.kind.mounted:
             return None
         return None if quantity.of_views and not has_views(self.images.camera) else quantity.of_rays(self, at)
+
+
+MOST_TRACED = 500
+"""Designs that are traced for a sweep or a table; of more, which would take minutes, the thin-lens model tells."""
+
+
+def rays_tell(
+    design: Callable[[], Design],
+    asked: Sequence[tuple[Quantity, float | None]],
+    tell: Callable[[FieldImages, Quantity, float | None], float | None] = FieldImages.told,
+) -> tuple[tuple[float | None, ...], tuple[Problem, ...]]:
+    """Quantities of a design at distances as rays tell them; all NaN, and why, where it is none or they fail."""
+    try:
+        shown = FieldImages.of(design())
+        return tuple(tell(shown, quantity, at) for quantity, at in asked), ()
+    except InputError as error:  # a thin lens could be, but no real one
+        return (math.nan,) * len(asked), error.problems
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +17,13 @@ from .._arrays import Array
 from ..bore.conjugates import follower
 from ..camera import Camera
 from ..design import PATHS, Design
-from ..errors import InputError, expect
+from ..errors import expect
 from ..options import Distance, one_distance
 from ..theory.focused import refuse_focused
 from ..theory.limits import as_design
-from ..theory.quantities import quantities_of_cameras, thin_lens_note
+from ..theory.quantities import QUANTITIES, quantities_of_cameras, thin_lens_note
 from ..theory.quantity_table import QuantityTable
-from ..words import listed
-from .specification import FieldImages
+from .specification import MOST_TRACED, rays_tell
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,14 +54,11 @@ class Sweep:
         reasons: dict[str, str] = {}
         for point in some.tolist():
             values = [float(axis[k]) for axis, k in zip(self.places.values(), point, strict=True)]
-            try:
-                design.replace(
-                    {PATHS.get(place, place): value for place, value in zip(self.places, values, strict=True)}
-                )
-            except InputError as error:
-                at = " and ".join(f"{place} = {value:.6g}" for place, value in zip(self.places, values, strict=True))
-                for problem in error.problems:
-                    reasons.setdefault(re.sub(r"[\d.]+", "", str(problem)), f"at {at}{self._unit()}: {problem}")
+            changes = {PATHS.get(place, place): value for place, value in zip(self.places, values, strict=True)}
+            at = " and ".join(f"{place} = {value:.6g}" for place, value in zip(self.places, values, strict=True))
+            asked = [(QUANTITIES[name], self.at) for name in self.values]
+            for problem in rays_tell(partial(design.replace, changes), asked)[1]:
+                reasons.setdefault(re.sub(r"[\d.]+", "", str(problem)), f"at {at}{self._unit()}: {problem}")
         return tuple(reasons.values())
 
     @property
@@ -92,8 +88,6 @@ class Sweep:
         return f" {units.pop()}".rstrip() if len(units) == 1 else ""
 
 
-MOST_TRACED = 500
-"""Points that are traced; of more, which would take minutes, the thin-lens model tells."""
 LOOKED_AT = 12
 """Points without a camera that are asked why."""
 
@@ -150,23 +144,22 @@ def sweep(
     shape = tuple(len(values) for values in axes.values())
     grid = np.meshgrid(*axes.values(), indexing="ij")
     camera = Camera.of(design, {place: values.ravel() for place, values in zip(axes, grid, strict=True)})
-    values, valid = {}, np.broadcast_to(camera.valid, camera.shape)
+    values, valid = {}, np.broadcast_to(camera.valid, camera.shape).copy()
     with np.errstate(all="ignore"):  # of points that are no cameras
         for quantity in known:
             each = np.broadcast_to(quantity(camera, at if quantity.at != "never" else None), camera.shape)
             values[quantity.name] = np.where(valid, each, np.nan).reshape(shape)
     by_rays = [quantity for quantity in known if quantity.of_rays is not None and design.main_lens.kind.mounted]
-    few, lost = len(valid) <= MOST_TRACED, list[str]()
+    few = len(valid) <= MOST_TRACED
     for k in np.flatnonzero(valid) if by_rays and few else ():
         point = {PATHS.get(place, place): float(values.ravel()[k]) for place, values in zip(axes, grid, strict=True)}
-        try:
-            shown = FieldImages.of(design.replace(point))
-        except InputError as error:  # a thin lens could be, but no real one
-            shown, lost = None, [*lost, str(error.problems[0])]
-        for quantity in by_rays:
-            told = math.nan if shown is None else shown.told(quantity, at)
-            if told is not None:
-                values[quantity.name].flat[k] = told
+        told, faults = rays_tell(partial(design.replace, point), [(quantity, at) for quantity in by_rays])
+        valid[k] = not faults
+        for quantity, value in zip(by_rays, told, strict=True):
+            if value is not None:
+                values[quantity.name].flat[k] = value
+    for each in values.values():
+        each.flat[~valid] = np.nan
     units = {quantity.name: quantity.unit for quantity in known}
     units |= {place: unit_of(place) for place in axes}
     follows = follower([PATHS.get(place, place) for place in axes])
@@ -175,9 +168,6 @@ def sweep(
     note = thin_lens_note([design], values, traced=few)
     if by_rays and not few:
         note += f" (a sweep of up to {MOST_TRACED} points, too)"
-    if lost:
-        unseen = f"{listed([quantity.name for quantity in by_rays])} without a value at {len(lost)} points: {lost[0]}"
-        note = "; ".join(filter(None, (note, unseen)))
     return Sweep(axes, values, units, valid.reshape(shape), follows, at, own, note)
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from operator import itemgetter
 from types import MappingProxyType
@@ -23,8 +23,7 @@ from .._arrays import Array
 from ..bore.conjugates import CONJUGATES, follower
 from ..camera import TIP, Camera, Number
 from ..design import PATHS, Design
-from ..errors import InputError
-from ..evaluation.specification import FieldImages
+from ..evaluation.specification import FieldImages, rays_tell
 from ..lenses.glass import Glass
 from ..theory.focused import LEAST_VIEWS, LIMIT, filtered_views, pupil_blur_ratio
 from ..theory.light import sensor_field
@@ -470,22 +469,19 @@ class DesignProblem:
         """
         if not self.by_rays:
             return self, 0.0
-        try:
-            shown = FieldImages.of(self.design_at(unit))
-        except InputError:
+        parts = [part for part in (*self.goals, *self.constraints) if part.temperature is None]
+        asked = [(part.quantity, part.at) for part in parts]
+        shares, faults = rays_tell(partial(self.design_at, unit), asked, FieldImages.share)
+        if faults:
             return self, 0.0
-
-        moved = [0.0]
+        by = {part.asked: share for part, share in zip(parts, shares, strict=True) if share is not None}
 
         def told(part: T) -> T:
-            share = None if part.temperature is not None else shown.share(part.quantity, part.at)
-            if share is None:
-                return part
-            moved.append(abs(1 / share - 1))
-            return part.model_copy(update={"quantity": part.quantity.times(share)})
+            share = by.get(part.asked)
+            return part if share is None else part.model_copy(update={"quantity": part.quantity.times(share)})
 
         posed = replace(self, goals=tuple(map(told, self.goals)), constraints=tuple(map(told, self.constraints)))
-        return posed, max(moved)
+        return posed, max((abs(1 / share - 1) for share in by.values()), default=0.0)
 
     def untraced(self, *, quick: bool = False) -> DesignProblem:
         """Problem with those of its limits alone that no rays at fields tell; quick: nor rays at all, nor long sums."""

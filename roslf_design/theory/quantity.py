@@ -122,6 +122,10 @@ class Quantity(BriefValue):
     """Function of a given rectangle of the array, for a quantity that depends on how much of it the sensor sees.
     `monotone` is then about this function, and the rectangle's ends are further lengths in which it rises or falls."""
 
+    def __post_init__(self) -> None:
+        # `times` has no share of these.
+        assert self.of_rays is None or (self.signed is None and self.past_infinity is None), self.name
+
     def __str__(self) -> str:
         return f"{self.name}{f' [{self.unit}]' * bool(self.unit)}: {self.words}"
 

@@ -440,6 +440,10 @@ def test_a_page_of_one_design(tmp_path, capsys, rough):
             "is not less than the focal-plane",
         ),
         (
+            ("sweep", "paper-singlet", "--set", "f=99..101mm", "--quantity", "field_half_width_mm", "--points", "3"),
+            "3 of 3 points cannot be built: at f = 99 mm: main_lens.focal_length: 99 mm contradicts the prescription",
+        ),
+        (
             ("sweep", "papr", "--set", "d_3=0..9 mm", "--quantity", "fill_factor"),
             "papr: no such file; did you mean 'paper'?",
         ),

@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
+from roslf_design.errors import refusal
+from roslf_design.optimization import Constraint, Goal
 from roslf_design.theory.quantity_table import MOST_ROWS
+from tests.optimization.posing import posed
 
 GRID = {"d_3": [0.0, 120.0], "aperture.diameter": [1.0, 2.0, 3.0]}
 
@@ -63,13 +66,39 @@ def test_what_rays_tell_is_traced_behind_a_real_lens_and_the_rest_marked(monkeyp
     assert coarse.note.endswith("a sweep of up to 3 points, too)")
     assert coarse.values["field_of_view_deg"][0, 0] != swept.values["field_of_view_deg"][0, 0]
     apart = roslf.sweep("paper-singlet", {"f": [99.0, 101.0]}, names)  # which are other lenses
-    assert np.isnan(apart.values["field_of_view_deg"]).all()
-    assert "field_of_view_deg and mtf50_lp_per_mm without a value at 2 points: " in apart.note
+    assert all(np.isnan(values).all() for values in apart.values.values())
+    assert not apart.valid.any()
+    assert "contradicts the prescription" in apart.refused(roslf.load("paper-singlet"))[0]
     many = roslf.evaluate_many(["paper", "paper-singlet"], names[:2])
     assert many.columns[names[0]][1] == roslf.specification("paper-singlet").field_of_view_deg[0].diagonal
     assert not many.note
+    monkeypatch.setattr("roslf_design.evaluation.many.MOST_TRACED", 0)
+    assert "of up to 0 designs, too)" in roslf.evaluate_many(["paper-singlet"], names[:2]).note
     assert not roslf.sweep("paper-singlet", {"d_3": [100.0]}, ["working_distance_mm"]).note
     assert not roslf.sweep("paper", {"d_3": [100.0]}, ["sigma_z_mm"]).note
+
+
+def test_a_lens_whose_rays_fail_ends_no_sweep_and_no_table(monkeypatch):
+    def lost(shown, *_):
+        if shown.design.d_3 > 110:
+            raise refusal("aperture.distance", "no ray comes through")
+        return 1.0
+
+    monkeypatch.setattr("roslf_design.evaluation.specification.FieldImages.half_field", lost)
+    swept = roslf.sweep("paper-singlet", {"d_3": [100.0, 120.0]}, ["field_half_width_mm"])
+    assert swept.valid.tolist() == [True, False]
+    assert "at d_3 = 120 mm: aperture.distance: no ray" in swept.refused(roslf.load("paper-singlet"))[0]
+    far = roslf.load("paper-singlet").replace(d_3=120.0)
+    table = roslf.evaluate_many({"far": far, "ideal": "paper"}, ["field_half_width_mm"])
+    assert np.isnan(table.columns["field_half_width_mm"]).tolist() == [True, False]
+    assert table.note == "far without what rays tell: aperture.distance: no ray comes through"
+    posed_at = posed(
+        {"d_3": (120, 130)},
+        [Constraint(quantity="field_half_width_mm", min=1.0)],
+        Goal(quantity="sigma_z_mm", direction="min"),
+        design=far,
+    )
+    assert posed_at.told_by_rays(np.zeros(1)) == (posed_at, 0.0)
 
 
 def test_html_has_every_number_and_no_markup_of_a_name():
