@@ -282,10 +282,13 @@ class _Ranker:
 
         polished = []
         for ranked in [each for each in self.best if each.search.merit < self.threshold]:
-            problem, again = settled(ranked.problem, ranked.search.unit, FEASIBLE, thoroughly)
-            better = again.feasible and (again.merit < ranked.search.merit or problem.by_rays)
-            polished.append(Ranked(ranked.number, again, problem) if better else ranked)
-        self.best = sorted(polished, key=_order)[: self.keep]
+            problem, best = settled(ranked.problem, ranked.search.unit, FEASIBLE, thoroughly)
+            polished.append(Ranked(ranked.number, best, problem))
+            if not best.feasible:
+                self.reasons[ranked.number] = _missed(problem, best)
+        self.best = sorted((one for one in polished if one.search.feasible), key=_order)[: self.keep]
+        if polished and not self.best:
+            self.nearest = min(polished, key=lambda one: one.search.violation)
 
 
 def rank(

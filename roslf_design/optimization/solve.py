@@ -252,22 +252,40 @@ def solve_by_rays(problem: DesignProblem, settings: Settings = USUAL, tell: Tell
     """`solve`, with what rays tell of the whole camera at the optimum: about first, then polished."""
     if not problem.by_rays:
         return solve(problem, settings, tell)
-    search = partial(searched, budget=settings.fresh(), evaluations=settings.evaluations)
+    budget = settings.fresh()
     tell("rays at the optimum")
-    roughly = partial(search, tolerance=max(settings.tolerance, problem.finest))
+    coarse = max(settings.tolerance, problem.finest)
+    roughly = partial(searched, budget=budget, evaluations=settings.evaluations, tolerance=coarse)
     problem, _ = settled(problem, _starts(problem, settings)[0], SETTLED, roughly)
     answer = solve(problem, settings, tell)
-    if not answer.feasible or answer.problem is not answer.asked:  # of a lexicographic order stages stay as solved
+    again = False
+    # Of a lexicographic order the stages are solved as they were settled.
+    for _ in range(MOST_SETTLING if answer.problem is answer.asked else 0):
+        problem, moved = answer.problem.told_by_rays(answer.unit)
+        if moved <= (FEASIBLE if answer.feasible else SETTLED):
+            break
+        end = searched(problem, answer.unit, budget, settings.evaluations, problem.finest)
+        if not end.feasible or not answer.feasible:  # judged by what rays tell elsewhere
+            if again:
+                break
+            again, starts = True, [end.unit, *_starts(problem, settings)]
+            answer = replace(_solve(problem, settings, budget, tell, starts), seconds=answer.seconds)
+            continue
+        # Where other searches ended, numbers move along.
+        by = end.merit - answer.merit
+        ends = tuple(replace(one, merit=one.merit + by) for one in answer.searches)
+        checks = tuple(
+            replace(one, polished=replace(one.polished, merit=one.polished.merit + by)) for one in answer.checks
+        )
+        active, residual = _rests(problem, end.unit)
+        answer = replace(answer, problem=problem, asked=problem, searches=ends, active=active, residual=residual)
+        answer = replace(answer, unit=end.unit, merit=end.merit, violation=end.violation, checks=checks)
+    else:
+        _, moved = answer.problem.told_by_rays(answer.unit)
+    if moved <= SETTLED:
         return answer
-    problem, end = settled(problem, answer.unit, FEASIBLE, partial(search, tolerance=problem.finest))
-    if not end.feasible:
-        return answer
-    by = end.merit - answer.merit  # where other searches ended, numbers move along
-    ends = tuple(replace(one, merit=one.merit + by) for one in answer.searches)
-    checks = tuple(replace(one, polished=replace(one.polished, merit=one.polished.merit + by)) for one in answer.checks)
-    active, residual = _rests(problem, end.unit)
-    answer = replace(answer, problem=problem, asked=problem, searches=ends, active=active, residual=residual)
-    return replace(answer, unit=end.unit, merit=end.merit, violation=end.violation, checks=checks)
+    note = f"limits and goals by rays are not settled: where the search ended they differ by up to {100 * moved:.2g} %"
+    return replace(answer, notes=(*answer.notes, note))
 
 
 def settled(
@@ -282,7 +300,7 @@ def settled(
         problem, moved = problem.told_by_rays(end.unit)
         if moved <= within:
             break
-        unit = end.unit
+        end, unit = judged(problem, end), end.unit
     return problem, end
 
 
@@ -400,6 +418,13 @@ def searched(
         better = guard.feasible and guard.merit < best.merit
         best = replace(spent, unit=end.unit, merit=guard.merit, violation=guard.violation) if better else spent
     return best
+
+
+def judged(problem: DesignProblem, found: Search) -> Search:
+    """A search's end as a problem judges it that is posed otherwise than what was searched."""
+    guard = Guard(problem.vector)
+    guard.rows(found.unit)
+    return replace(found, merit=guard.merit, violation=guard.violation)
 
 
 def runs_off(problem: DesignProblem, unit: Array) -> bool:

@@ -1,6 +1,7 @@
 """Designs behind a real main lens: the optimum against differential evolution over designs traced one at a time."""
 
 import json
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -123,6 +124,24 @@ def test_a_field_of_the_whole_camera_is_held_as_rays_tell_it():
     assert answer.number(answer.asked.constraints[0]) == pytest.approx(31.0, rel=1e-9)
     alone = solve(problem, settings).variables()["d_f"]  # by the thin-lens model
     assert abs(alone / known - 1) > 0.05
+
+
+def test_an_answer_holds_its_limits_as_rays_tell_them_where_it_is(monkeypatch):
+    """A share that misses the limit wherever the search settles: no design; one that never settles is told."""
+    limit = Constraint(quantity="field_half_width_mm", min=31.0)
+    problem = posed({"d_f": (250, 450)}, [limit], Goal(quantity="sigma_z_mm", direction="min"), design=SINGLET)
+    shares = iter([1.0, *[0.1] * 20])
+    monkeypatch.setattr(
+        "roslf_design.evaluation.specification.FieldImages.half_field",
+        lambda shown, way, at: next(shares) * float(roslf.quantity("field_half_width_mm")(shown.images.camera, at)),
+    )
+    answer = solve_by_rays(problem, Settings(starts=1, check=False))
+    assert not answer.feasible
+    assert answer.conflict is not None
+    assert answer.violation > 1
+    shares = cycle([1.0, 1.1])
+    settled = solve_by_rays(problem, Settings(starts=1, check=False))
+    assert "limits and goals by rays are not settled" in settled.notes[-1]
 
 
 def test_a_study_behind_a_real_lens(tmp_path, capsys):
