@@ -18,7 +18,7 @@ from roslf_design.optimization import Constraint, Goal, Settings, solve
 from roslf_design.optimization.combinations import CatalogueTable, Combinations
 from roslf_design.optimization.lens_variables import BENDING, FOCAL, LensVariation, with_glasses
 from roslf_design.optimization.parts import load_catalogue
-from roslf_design.optimization.ranking import rank
+from roslf_design.optimization.ranking import _Ranker, rank
 from roslf_design.optimization.search import SearchBudget
 from roslf_design.optimization.traces import FieldTraces
 from roslf_design.optimization.variables import NumberVariable
@@ -175,6 +175,24 @@ def test_no_bought_lens_is_better_than_ours():
     values = combinations.problem_at(best.number).named(best.search.unit)
     number = shapes.index((load_lens(lens), way == "reversed"))
     assert cost([number, values["D_F"], values["d_3"]]) <= known.fun + 1e-3
+
+
+def test_parts_that_miss_a_limit_by_rays_where_they_end_are_not_listed(monkeypatch):
+    share = 1.0
+    monkeypatch.setattr(
+        "roslf_design.evaluation.specification.FieldImages.half_field",
+        lambda shown, way, at: share * float(roslf.quantity("field_half_width_mm")(shown.images.camera, at)),
+    )
+    limit = Constraint(quantity="field_half_width_mm", min=31.0)
+    problem = posed({"d_f": (250, 450)}, [limit], Goal(quantity="sigma_z_mm", direction="min"), design=SINGLET)
+    parts = CatalogueTable(kinds=("orientations",)).chosen(load_catalogue(), SINGLET.main_lens.kind)
+    ranker = _Ranker(Combinations.of(problem, parts, ("orientations",)), 2, SearchBudget(), 0, 1)
+    ranker.search(lambda *_: None)
+    assert ranker.best
+    share = 0.1
+    ranker.polish()
+    assert not ranker.best
+    assert "misses field_half_width_mm >= 31 mm" in ranker.reasons[ranker.nearest.number]
 
 
 STUDY = """
