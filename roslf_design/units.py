@@ -199,7 +199,7 @@ def within_reach(value: float, dimension: str, text: object = None) -> float:
 
 def _about_unit(unit: str, dimension: str, number: float) -> str:
     scale = SCALES.get(unit.lower().removeprefix("deg").removeprefix("°"))
-    if scale is not None and dimension == "temperature":
+    if scale is not None and dimension == "temperature" and math.isfinite(number):
         return f'temperatures are written in degC; write "{number * scale[0] + scale[1]:.6g} degC"'
     for other, known in UNITS.items():
         if unit in known and other != dimension:

@@ -21,6 +21,7 @@ from .terminal import (
     json_text,
     listed,
     say,
+    seen_from,
     status_and_bars,
     typed,
     write_files,
@@ -55,7 +56,7 @@ def optimize(
         check_accuracy(accuracy, QUICK, "limits are held to 1e-9 of themselves")
     posed = load_study(study, seed, accuracy)
     check_options(folder=output, title=posed.table.name)
-    check_study(output, posed.table.name, study.name)
+    check_study(output, posed.table.name, study)
     with status_and_bars("optimize") as tell:
         try:
             result = run(posed, tell)
@@ -63,7 +64,7 @@ def optimize(
             raise error if error.origin else InputError(error.problems, str(study)) from None
     report = optimization_report(result, typed("optimize", study, output=output, seed=seed, accuracy=accuracy))
     files = {
-        "results.json": f"{json_text(result.to_dict(timings=False) | {'file': study.name})}\n".encode(),
+        "results.json": f"{json_text(result.to_dict(timings=False) | {'file': seen_from(output, study)})}\n".encode(),
         **{name: dumps(design, WRITTEN).encode() for name, design in result.designs()},
         **{f"{name}.png": picture.to_png() for name, picture in optimisation_pictures(result).items()},
         **page_files(report),

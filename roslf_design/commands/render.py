@@ -86,6 +86,7 @@ class _Options(Options):
 
 
 OPTIONS = _Options()
+UNNAMED = "a scene without a name"
 
 
 def render(
@@ -215,16 +216,12 @@ def _check_owner(target: Path, design: str, scene: Mapping[str, Any]) -> None:
     """Refuse to write an image over one of another design or scene, or over what no image lies beside."""
     if not target.exists():
         return
-    held = ""
-    with suppress(OSError, ValueError, LookupError, TypeError):
+    own, held = f"{design}, {scene.get('name', UNNAMED)}", ""
+    with suppress(OSError, ValueError, LookupError, TypeError, AttributeError):
         data = json_module.loads(target.with_suffix(".json").read_bytes())
-        held = f"{data['design']['name']}, {_called(data['scene'])}"
-    check_owner(target, held, f"{design}, {_called(scene)}")
-
-
-def _called(scene: Mapping[str, Any]) -> str:
-    """Name of a scene or, without one, what is in it."""
-    return str(scene.get("name") or " and ".join(each["kind"] for each in scene.get("objects", ())))
+        held = f"{data['design']['name']}, {data['scene'].get('name', UNNAMED)}"
+        held += ", but another" if held == own and "name" not in scene and data["scene"] != scene else ""
+    check_owner(target, held, own)
 
 
 def _preview_of(target: Path) -> Path:

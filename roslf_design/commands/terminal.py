@@ -7,6 +7,7 @@ import importlib.util
 import io
 import json
 import math
+import os
 import re
 import shlex
 import sys
@@ -259,13 +260,21 @@ def check_page(path: Path, title: str | None) -> None:
         raise refusal("output", f"{path} was signed or marked since it was written; {OTHER_PLACE}")
 
 
-def check_study(folder: Path, name: str, file: str) -> None:
-    """Refuse a folder with results of a study of that name from another file, as of one that was copied."""
-    results, own = folder / "results.json", f"{name} in {file}"
-    held = own  # where there is nothing, or an older one that does not say its file
+def check_study(folder: Path, name: str, file: Path) -> None:
+    """Refuse a folder with results of another study, or of another file that is still there, as of one copied."""
+    results = folder / "results.json"
+    held = own = f"{name} in {file}"  # where there is nothing, an older one that does not say its file, or that moved
     with suppress(OSError, ValueError, LookupError, TypeError):
-        held = "{study} in {file}".format(**json.loads(results.read_bytes()))
+        data = json.loads(results.read_bytes())
+        other = (folder / data["file"]).resolve()
+        if data["study"] != name or not other.samefile(file):
+            held = f"{data['study']} in {other}"
     check_owner(results, held, own)
+
+
+def seen_from(folder: Path, file: Path) -> str:
+    """Path of a file from a folder, as results in it name it."""
+    return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
 
 
 def check_owner(path: Path, held: str | None, owner: str | None) -> None:

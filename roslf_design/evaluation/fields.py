@@ -57,6 +57,20 @@ def default_fields(design: Design) -> tuple[Place, ...]:
     return tuple(centre), tuple(edge), tuple(corner)
 
 
+def unseen(design: Design, place: Place) -> str:
+    """Words on a place of the array [mm] whose microlens the sensor does not see; empty where it does, to a pitch."""
+    camera = Camera.of(design)
+    low, high = (np.array(end) for end in sensor_field(camera))
+    at, room = MicrolensImages(camera, [place]).from_lens[0], design.d
+    if not np.any((at < low - room) | (at > high + room)):
+        return ""
+    (left, bottom), (right, top) = low.tolist(), high.tolist()
+    return (
+        f"field ({place[0]:g}, {place[1]:g}) mm lies beyond what the sensor sees of the array: {left:.4g} to "
+        f"{right:.4g} mm across, {bottom:.4g} to {top:.4g} mm up; ask for one that it sees"
+    )
+
+
 def field_openings(design: Design, axes: ArrayLike) -> Openings:
     """Openings that the FAP, the main lens and the stops cut out on the sensor, relative to each microlens axis.
 

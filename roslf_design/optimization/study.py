@@ -22,6 +22,7 @@ from ..design import PATHS, Design
 from ..design.files import expect_kind
 from ..design.parts import Stop
 from ..errors import InputError, Problem
+from ..evaluation.fields import unseen
 from ..evaluation.required import Requirement, limits_for_study, required_of, studied
 from ..json_data import plain
 from ..lenses.glass import find_glass
@@ -360,6 +361,14 @@ class Result(BriefValue):
                 told = ", ".join(f"lens {part}" if kind == "orientations" else part for kind, part in parts.items())
                 yield f"parts-{place:02d}.toml", design.replace({"source": f"catalogue: {told}"})
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes on the search, and on fields asked for that the sensor of what it found does not see."""
+        asked = dict.fromkeys(part.field for part in (*self.answer.asked.goals, *self.answer.asked.constraints))
+        found = [design for _, design in self.designs()][:1]
+        unseen_fields = (unseen(design, field) for design in found for field in asked if field is not None)
+        return (*self.answer.notes, *filter(None, unseen_fields))
+
     def to_dict(self, *, timings: bool = True) -> dict[str, Any]:
         """One JSON object, what is not finite null; without timings the same bytes every time."""
         answer = self.answer
@@ -388,7 +397,7 @@ class Result(BriefValue):
             "robust": _robust(self),
             "catalogue": None if self.ranking is None else self.ranking.to_dict(self.part_retraces, timings),
             "loose_variables_mm": {name: ends for name, ends in answer.loose().items() if name not in NUMBERS},
-            "notes": answer.notes,
+            "notes": self.notes,
         }
         if self.retrace is not None:
             data["traced"] = self.retrace.to_dict()

@@ -10,16 +10,24 @@ import functools
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from ..bore.part import Offset, Part, Size, Tilt
 from ..design.parts import MOST_CONTRAST
 from ..errors import InputError, Problem
 from ..input_files import check_file, read_pixels
+from ..toml_files import KIND
 from ..units import Angle, AnyLength, Length
 
 MOST_LIGHT = 1e12
@@ -27,7 +35,15 @@ MOST_LIGHT = 1e12
 Level = Annotated[float, Field(ge=0, le=MOST_LIGHT)]
 
 
-class Uniform(Part):
+class _Told(Part):
+    """Part of a scene that is written with its kind, by default or not."""
+
+    @model_serializer(mode="wrap")
+    def _with_kind(self, values: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {KIND: getattr(self, KIND), **values(self)}
+
+
+class Uniform(_Told):
     """Texture that is uniform."""
 
     kind: Literal["uniform"] = "uniform"
@@ -35,7 +51,7 @@ class Uniform(Part):
     """Radiance."""
 
 
-class Checkerboard(Part):
+class Checkerboard(_Told):
     """Squares of two levels; a corner lies on the surface's origin."""
 
     kind: Literal["checkerboard"] = "checkerboard"
@@ -47,7 +63,7 @@ class Checkerboard(Part):
     """Radiance of the dark squares."""
 
 
-class Sinusoid(Part):
+class Sinusoid(_Told):
     """A grating, 0.5 (1 + contrast cos(2 pi t/period))."""
 
     kind: Literal["sinusoid"] = "sinusoid"
@@ -59,7 +75,7 @@ class Sinusoid(Part):
     """(max - min)/(max + min)."""
 
 
-class PictureTexture(Part):
+class PictureTexture(_Told):
     """An image file, bilinearly interpolated, repeated beyond its edges; its middle lies on the surface's origin.
 
     Grey as the mean of its colour channels; the file's full scale is 1. Rows run along v, downwards in the file.
@@ -112,7 +128,7 @@ def _loaded(file: str, changed: int, size: int) -> NDArray[np.float32]:
     return array
 
 
-class Noise(Part):
+class Noise(_Told):
     """Random texture with the same contrast in each octave of detail, as natural scenes have it; repeats itself.
 
     Six octaves, from `finest` to 64 times that.
@@ -177,7 +193,7 @@ TEXTURES: dict[str, type[Part]] = {
 """Kinds of texture by the name that a file gives them."""
 
 
-class White(Part):
+class White(_Told):
     """A uniform field that fills the view at every distance."""
 
     kind: Literal["white"] = "white"
@@ -185,7 +201,7 @@ class White(Part):
     """Radiance."""
 
 
-class Plane(Part):
+class Plane(_Told):
     """A plane at any pose, unbounded or a rectangle; seen from both sides."""
 
     kind: Literal["plane"] = "plane"
@@ -207,7 +223,7 @@ class Plane(Part):
         return self
 
 
-class Points(Part):
+class Points(_Told):
     """Point sources."""
 
     kind: Literal["points"] = "points"
@@ -217,7 +233,7 @@ class Points(Part):
     """Light of one that the FAP takes in: the sum over all pixels, where 1 is a fully lit one."""
 
 
-class Sphere(Part):
+class Sphere(_Told):
     """An opaque sphere seen from outside; texture over (longitude, latitude) times radius, (0, 0) facing the lens."""
 
     kind: Literal["sphere"] = "sphere"
@@ -231,7 +247,7 @@ class Sphere(Part):
     """Texture over the sphere's surface."""
 
 
-class Tube(Part):
+class Tube(_Told):
     """The inside of a tube along the axis (a lumen); texture over (arc length around, Z)."""
 
     kind: Literal["tube"] = "tube"

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
+    AliasChoices,
     BeforeValidator,
     Field,
     StrictBool,
@@ -36,7 +37,7 @@ from ..design import Design
 from ..design.files import expect_kind
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
-from ..evaluation.fields import MOST_FIELDS
+from ..evaluation.fields import MOST_FIELDS, unseen
 from ..evaluation.required import limits_for_study, studied
 from ..options import Options, Seed, up_to
 from ..sobol import BITS
@@ -158,7 +159,9 @@ class Group(StrictTable):
 class MetricGoal(StrictTable):
     """A limit. A build passes when all its goals hold, at all their fields; what is undefined does not hold."""
 
-    quantity: Annotated[str, AfterValidator(_metric_anywhere)]
+    quantity: Annotated[str, AfterValidator(_metric_anywhere)] = Field(
+        validation_alias=AliasChoices("quantity", "metric")
+    )
     at: Length | None = None
     """Ahead of the bore's tip [mm], of the whole camera; at the fields, or at the focal plane, where left out."""
     min: float | None = None
@@ -166,15 +169,8 @@ class MetricGoal(StrictTable):
     """In the unit of the quantity's name, or text with a unit."""
     field: FieldPlace | None = None
     """Microlens that it is asked for; all of the study's fields where left out."""
-    fields: tuple[Annotated[Any, BeforeValidator(_field_or_index)], ...] | None = None
+    fields: tuple[Annotated[Any, BeforeValidator(_field_or_index)], ...] | None = Field(None, min_length=1)
     """Several of them; a whole number is the index of one of the study's fields, from 0."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _by_its_former_name(cls, data: Any) -> Any:
-        if isinstance(data, dict) and "metric" in data and "quantity" not in data:
-            return {"quantity" if key == "metric" else key: value for key, value in data.items()}
-        return data
 
     @field_validator("min", "max", mode="before")
     @classmethod
@@ -191,8 +187,8 @@ class MetricGoal(StrictTable):
             raise ValueError(fault)
         if self.at is not None and self.asked is not None:
             raise ValueError(f"{self.quantity} at a field is not asked for at a distance; drop at or field")
-        if self.field is not None and quantity.local is None:
-            raise ValueError(f"{self.quantity} is one number for the whole field; drop field")
+        if quantity.local is None and any(not isinstance(place, int) for place in self.asked or ()):
+            raise ValueError(f"{self.quantity} is one number for the whole field; drop field or fields")
         if fault := quantity.fault_of_limits(self.min, self.max):
             raise ValueError(f"{self.quantity}: {fault}")
         return self
@@ -201,7 +197,7 @@ class MetricGoal(StrictTable):
     def asked(self) -> tuple[Any, ...] | None:
         """Fields that it is asked for, places or indices into the study's; None for all of these."""
         one = () if self.field is None else (self.field,)
-        return (*one, *(self.fields or ())) or self.fields
+        return (*one, *(self.fields or ())) or None
 
 
 class Compensate(StrictTable):
@@ -581,6 +577,10 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
     fields, asked = _fields_of(study, design)
     if len(fields) > MOST_FIELDS:
         problems.append(Problem("fields", f"{len(fields)} are too many; ask for {MOST_FIELDS} at most"))
+    for index, place in enumerate(fields[:MOST_FIELDS]):
+        if words := unseen(design, place):
+            goals = (f"goals.{goal}" for goal, own in enumerate(asked) if index in own)
+            problems.append(Problem(f"fields.{index}" if index < len(study.fields) else next(goals), words))
     metrics = tuple(dict.fromkeys([*(goal.quantity for goal in study.goals if goal.at is None), *study.report]))
     distant = dict.fromkeys(Column(goal.quantity, None, goal.at) for goal in study.goals if goal.at is not None)
     question = Question(design, metrics, fields, distance, tuple(distant))

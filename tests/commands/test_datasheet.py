@@ -84,6 +84,17 @@ def test_a_sheet_tells_each_line_with_its_tolerance(tmp_path, capsys, monkeypatc
     assert float(rows[0]["value"]) == told["specification"]["field_of_view_deg"][0]["diagonal"]
 
 
+def test_spreads_do_not_hang_on_what_a_study_reports():
+    """Behind a real lens they are scaled by what rays tell, as the study's own columns are."""
+    lens = roslf.load("paper-singlet")
+    study = {"name": "s", "grade": "commercial", "trials": 1024, "sobol_samples": 0, "fields": ["centre"]}
+    study["goals"] = [{"quantity": "object_sample_mm", "min": 0.0}]
+    (row,) = (row for row in datasheet.basis(lens).rows if row.quantity == "field_of_view_deg")
+    told = (story._builds_alone(study | {"report": names}, lens).deviations([row]) for names in ([], [row.quantity]))
+    unreported, reported = (deviations[row.quantity] for deviations in told)
+    assert unreported == pytest.approx(reported, rel=1e-9)
+
+
 def test_a_distance_asked_for_stays_where_it_is_in_every_build(tmp_path, capsys, monkeypatch):
     """In the focal plane's place, too, whose own rows say what its moving from build to build adds."""
     monkeypatch.setattr(datasheet, "FEW", 8)

@@ -225,6 +225,7 @@ def test_evaluation_tells_the_range():
         ('temperature = "310 K"', 'write "36.85 degC"'),
         ('temperature = "5 C"', 'write "5 degC"'),
         ('temperature = "86 degF"', 'write "30 degC"'),
+        ('temperature = "1e400 K"', "'K' is a unit of temperature difference"),
         ('temperature = "400 degC"', "environment.temperature"),
         ('housing = "aluminum foil"', "is no material with a known expansion; did you mean 'aluminum'?"),
         ('housing = {expansion = "x"}', "per K"),

@@ -126,6 +126,18 @@ def test_command_writes_image_json_and_preview(tmp_path, capsys):
         assert shown.size[0] > 600
 
 
+def test_scenes_without_a_name_are_told_apart_by_what_is_in_them(tmp_path, capsys):
+    scene, image = tmp_path / "r.toml", tmp_path / "p.tif"
+    plane = '[[objects]]\nkind = "plane"\ndistance = "310 mm"\ntexture = {kind = "checkerboard", period = "3 mm"}\n'
+    asked = ["render", "paper", "--scene", str(scene), "--region", "2000,1300,8,8", "-o", str(image)]
+    for old, new, code in (("", "", 0), ("", "", 0), ("3 mm", "4 mm", 2), ("checkerboard", "sinusoid", 2)):
+        scene.write_text(plane.replace(old, new))
+        assert main(asked) == code
+    assert "p.tif is of Zhou 2023 bench system, a scene without a name, but another; delete" in capsys.readouterr().err
+    told = json.loads(image.with_suffix(".json").read_text())["scene"]["objects"]
+    assert (told[0]["kind"], told[0]["texture"]["kind"]) == ("plane", "checkerboard")
+
+
 def test_command_prints_only_the_plan(tmp_path, capsys):
     assert (
         main(["render", "paper", "--plan-only", "--json", "--effects", "none,+cos4", "--budget-intensity", "2%"]) == 0

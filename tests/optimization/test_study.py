@@ -72,10 +72,11 @@ def test_a_study_with_everything(capsys, tmp_path):
     assert found["following_mm"] == {}
     assert 0.98 - 1e-8 <= roslf.evaluate(best, []).f_number.fill_factor <= 1 + 1e-8
     first = {place: place.read_bytes() for place in (tmp_path / "out").rglob("*.*")}
-    copied = path.rename(tmp_path / "copied.toml")
+    (tmp_path / "copy").mkdir()
+    copied = tmp_path / "copy" / path.name
+    copied.write_bytes(path.read_bytes())
     code, _, err = run(capsys, "optimize", copied, "-o", tmp_path / "out")
-    assert (code, f"in {path.name}; delete it or choose another place" in err) == (2, True)
-    copied.rename(path)
+    assert (code, f"in {path}; delete it or choose another place" in err) == (2, True)
     assert run(capsys, "optimize", path, "-o", tmp_path / "out")[0] == 0
     assert first == {place: place.read_bytes() for place in (tmp_path / "out").rglob("*.*")}
 

@@ -100,7 +100,7 @@ def test_every_fault_is_told_at_once_with_the_nearest_name():
         }
     )
     assert "did you mean 'grade'" in found["grad"]
-    assert "did you mean 'fill_factor'" in found["goals.0.quantity"]
+    assert "did you mean 'fill_factor'" in found["goals.0.metric"]
     assert "give min, max or both" in found["goals.1"]
     assert "did you mean 'aperture.tilt'" in found["perturb.0.place"]
     assert "this is a length" in found["perturb.1.tolerance"]
@@ -127,6 +127,10 @@ def test_every_fault_is_told_at_once_with_the_nearest_name():
         ({"goals": [{"metric": "mismatch_px", "quantity": "mismatch_px", "min": 1}]}, "goals.0.metric", "is called"),
         ({"goals": [{"quantity": "fill_factor", "min": 1, "field": "rim"}]}, "goals.0.field", "a length along x"),
         ({"goals": [{"quantity": "light_sr", "min": 1, "field": "0 mm"}]}, "goals.0", "one number for the whole field"),
+        ({"goals": [{"quantity": "light_sr", "min": 1, "fields": ["edge"]}]}, "goals.0", "drop field or fields"),
+        ({"goals": [{"quantity": "fill_factor", "min": 1, "fields": []}]}, "goals.0.fields", "at least 1 item"),
+        ({"goals": [{"quantity": "fill_factor", "min": 1, "field": "11.4 mm"}]}, "goals.0", "-11.2 to 11.2 mm across"),
+        ({"fields": ["edge", ["0 mm", "-7.6 mm"]]}, "fields.1", "-7.499 to 7.499 mm up"),
         ({"goals": [{"quantity": "u_z_mm", "max": 1, "at": "1 mm", "field": "0 mm"}]}, "goals.0", "drop at or field"),
         ({"groups": [{"name": "barrel"}]}, "groups", "has no member"),
         ({"perturb": [{"place": "sensor.tilt"}]}, "perturb.0.place", "does not cover it"),
@@ -154,6 +158,7 @@ def test_goals_are_asked_for_as_in_optimise_studies_and_by_their_former_keys():
     assert (fields[3], labels) == ((3.0, 1.0), ["fill_factor@3", *(f"mismatch_px@{k}" for k in range(3))])
     former = limited({"metric": "fill_factor", "min": 0.9, "fields": [0]})
     assert limited({**fill, "field": "0 mm"}) == limited({**fill, "fields": ["centre"]}) == former
+    assert limited({"quantity": "light_sr", "min": 0.0, "fields": [0]})[1] == ["light_sr"]  # as ever
     assert limited({**fill, "fields": ["corner", "2 mm"]})[1] == ["fill_factor@2", "fill_factor@3"]
 
 
@@ -216,6 +221,8 @@ def test_a_real_lens_is_missed_in_its_own_numbers(tmp_path, capsys):
     assert missed["main_lens.surfaces.1.radius"].tolerance == pytest.approx(0.0005 * 83.18)
     assert missed["main_lens.surfaces.2.index"].tolerance == 0.0001
     assert "main_lens.focal_length" not in missed
+    wide = real.replace('"23 mm"', '"140 mm"').replace('"22.3 mm"', '"140 mm"')
+    (tmp_path / "real.toml").write_text(wide)
     dark = 'name = "n"\nfields = ["centre", ["60 mm", "0 mm"]]\n'  # no light comes so far aside
     study = (tmp_path / "study.toml").read_text().replace('name = "n"\n', dark)
     (tmp_path / "study.toml").write_text(study)

@@ -66,7 +66,7 @@ def optimization_report(result: Result, command: str) -> Report:
 
 def _optimization_section(result: Result, command: str = "") -> Section:
     """A study as a section of a report; the command that reruns it is printed where given."""
-    asked, notes = result.answer.asked, result.answer.notes
+    asked, notes = result.answer.asked, result.notes
     blocks: list[Block] = [Paragraph(asked.question)] if asked.question else []
     first, *more = statements(result)
     blocks += [Statements((first,)), *_change(result), Statements(tuple(more))]

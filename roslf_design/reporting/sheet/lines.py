@@ -44,6 +44,7 @@ from ...theory.photometry import through_filter
 from ...theory.quantities import QUANTITIES
 from ...theory.quantity import Listed, Quantity
 from ...theory.stop_images import MicrolensImages
+from ...tolerancing.metrics import of_cameras
 from ...tolerancing.places import short_name
 from ...tolerancing.result import MANY, is_limited, of_builds, share_that_meets
 from ...tolerancing.trials import first_builds, lengths_built
@@ -152,7 +153,8 @@ class BuildSpread(NamedTuple):
                 continue
             with np.errstate(all="ignore"):  # of builds that are no cameras
                 if line.quantity:
-                    values = np.broadcast_to(QUANTITIES[line.quantity](builds.camera), good.shape)
+                    whole = of_cameras(self.plan.question.design, QUANTITIES[line.quantity], builds.camera)
+                    values = np.broadcast_to(whole, good.shape)
                 elif isinstance(line.of, _Corner):
                     if line.of.ends not in images:
                         images[line.of.ends] = first_builds(self.plan, FEW, line.of.ends)[0]
@@ -204,7 +206,11 @@ class CalibrationSpread(NamedTuple):
         known, open_ = self.lengths.after(build)
         covariance = known.plus(open_)
         left = {
-            line.key: float(covariance.carried(camera, QUANTITIES[line.quantity] if line.quantity else line.values))
+            line.key: float(
+                covariance.carried(
+                    camera, partial(of_cameras, design, QUANTITIES[line.quantity]) if line.quantity else line.values
+                )
+            )
             for line in rows
             if line.quantity or not (line.of is None or (design.lens is not None and isinstance(line.of, _Corner)))
         }
