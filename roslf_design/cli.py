@@ -6,6 +6,7 @@ so that `roslf --help` stays quick.
 
 from __future__ import annotations
 
+import difflib
 import errno
 import gc
 import io
@@ -183,6 +184,9 @@ def _run(arguments: list[str]) -> Any:
             raise refused(error.__cause__) from None
         more, asked = getattr(error, "unused_tokens", None), " ".join(["roslf", *(error.command_chain or ())])
         wrong = f"{more[0]!r} is one argument too many." if more else " ".join(str(error).split())
+        near = difflib.get_close_matches(more[0], COMMANDS, 1) if more and not error.command_chain else []
+        if near:
+            wrong = f"{more[0]!r} is no command; did you mean {near[0]}?"
         return _complain(f"{wrong} See `{asked} --help`.", 2)
     except UnicodeEncodeError as error:
         if error.encoding != "utf-8":

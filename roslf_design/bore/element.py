@@ -65,8 +65,8 @@ class Element(OpticalPart):
     """Angle by which it turns the axis [rad]."""
     towards: ClassVar[float] = 0.0
     """Direction into which it turns the view, across the axis from x towards y [rad]."""
-    reverses: ClassVar[bool] = False
-    """Whether pictures are reversed by it: it reflects an odd number of times."""
+    bounces: ClassVar[int] = 0
+    """How often light is reflected in it."""
     folds: ClassVar[bool] = False
     """Whether what stands before it is drawn folded in 3D; else the axis goes straight on."""
     leans: ClassVar[bool] = False
@@ -77,6 +77,11 @@ class Element(OpticalPart):
     """Whether a liquid before it may end at it."""
     trade_name: ClassVar[str] = ""
     """Name under which it is bought; its kind without."""
+
+    @property
+    def reverses(self) -> bool:
+        """Whether pictures are reversed by it: it reflects an odd number of times."""
+        return self.bounces % 2 == 1
 
     @property
     def length(self) -> float:

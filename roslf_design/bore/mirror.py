@@ -43,7 +43,7 @@ class Mirror(Element):
     leans: ClassVar = True
     signed: ClassVar = ("piston",)
     sealable: ClassVar = False
-    reverses: ClassVar = True
+    bounces: ClassVar = 1
     folds: ClassVar = True
 
     @field_validator("angle", mode="after")

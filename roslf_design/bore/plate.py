@@ -124,9 +124,9 @@ class Prism(Block):
         return float(self.azimuth)
 
     @property
-    def reverses(self) -> bool:  # type: ignore[override]
-        """Whether pictures are reversed by it: it reflects an odd number of times."""
-        return self.reflections % 2 == 1
+    def bounces(self) -> int:  # type: ignore[override]
+        """How often light is reflected in it."""
+        return self.reflections
 
     def words(self) -> tuple[str, ...]:
         """Thickness and material, and the deviation."""

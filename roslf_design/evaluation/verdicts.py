@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -319,19 +320,28 @@ def lit(answer: FirstAnswer) -> Verdict:
 
 def _fits(camera: Camera) -> Verdict:
     outer, wall, room = float(camera[tube.OUTER]), float(tube.shell(camera)), float(tube.room(camera))
-    within = [part for part in tube.housed(camera) if part.inside(camera)]
-    wide = [part for part in within if part.width > room * (1 + FEASIBLE)]
+    within = [(part, float(part.needs(camera))) for part in tube.housed(camera) if part.inside(camera)]
+    wide = [(part, needed) for part, needed in within if needed > room * (1 + FEASIBLE)]
     walls = "a wall with its light guide" if tube.GUIDE in camera.numbers else "a wall"
     holds = f"{outer:.4g} mm outside and {walls} of {wall:.4g} mm leave {room:.4g} mm"
     uncounted = f" ({tube.uncounted(camera)})" if tube.uncounted(camera) else ""
     if not wide:
-        widest = max(within, key=lambda part: float(part.width))
-        text = f"fits inside the tube: {holds}; widest is {the(widest.name)}, {float(widest.width):.4g} mm{uncounted}"
-        return Verdict.of("fits_tube", text)
-    parts = [f"{part.name} ({float(part.width):.4g} mm, {float(part.width) - room:.4g} mm too much)" for part in wide]
+        (widest, _), unjudged = max(within, key=itemgetter(1)), tube.unjudged(camera)
+        text = f"the tube: {holds}; widest is {the(widest.name)}, {widest.sizes(camera)}{uncounted}"
+        if unjudged:
+            return Verdict("fits_tube", False, "limit", f"fits inside {text}; {unjudged}", "look at its drawing")
+        return Verdict.of("fits_tube", f"fits inside {text}")
+    parts = [
+        f"{part.name} ({part.sizes(camera)}, "
+        + (f"{needed - room:.4g} mm too much)" if part.aside is None else f"of {outer / 2:.4g} mm)")
+        for part, needed in wide
+    ]
     text = f"does not fit inside the tube: {holds}; too wide: {', '.join(parts)}{uncounted}"
-    needed = on_side(max(float(part.width) for part in wide) + 2 * wall, True, 4)
-    return Verdict.of("fits_tube", text, f"smaller ones, or a tube of {needed} mm outside")
+    ways = f"smaller ones, or a tube of {on_side(max(needed for _, needed in wide) + 2 * wall, True, 4)} mm outside"
+    behind = {float(camera.tip - part.place): part.name for part, _ in wide}
+    if tube.LENGTH not in camera.numbers and (far := [ahead for ahead in behind if ahead > outer]):
+        ways += f"; where it ends before {the(behind[min(far)])}, say so: [tube] length, below {number(min(far), 4)} mm"
+    return Verdict.of("fits_tube", text, ways)
 
 
 def _field_remedy(camera: Camera, field: Numbers) -> str:
@@ -367,7 +377,9 @@ def _resolved(camera: Camera, sampling: Numbers) -> Verdict:
             f"{pixel * sampling.views_geometric:.4g} um; a fifth of that, or less, is usual",
         )
     if independent >= views:
-        text = f"views resolved: {views:.3g} {kind} across a microlens image, {independent:.3g} independent views"
+        text = (
+            f"views resolved: {views:.3g} {kind} across a microlens image, {independent:.3g} independent views per axis"
+        )
         return Verdict.of("views_resolved", text)
     # The band that diffraction lets pass ends where 8 N_F samples across an image hold all of it.
     enough = 2 * independent

@@ -222,7 +222,7 @@ class Quantity(BriefValue):
             f"{self.name} is at most {words(self.most)}",
         )
         if low is not None and high is not None and low > high:
-            return f"min {words(low)} is above max {words(high)}; swap them"
+            return f"min {words(low)} is above max {words(high)}: nothing lies between; did you swap them?"
         if high is not None and (high < least or (self.positive and high <= 0)):
             return f"max {words(high)} is none that a camera holds, {floor}; raise it"
         if low is not None and low > self.most:

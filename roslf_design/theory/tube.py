@@ -8,15 +8,18 @@ from typing import NamedTuple
 import numpy as np
 
 from .._arrays import Array
+from ..bore.fold import fold_of
 from ..bore.opening import ClearAperture
 from ..bore.part import Number
 from ..camera import Camera
 from ..design import PATHS
 from ..lenses.prescription import Prescription
-from ..words import number
+from ..words import number, the
 
 WALL, GUIDE, LENGTH, OUTER = "tube.wall", "tube.light_guide", "tube.length", "tube.outer_diameter"
 PACKAGE = "sensor.package"
+RIM = np.linspace(0.0, 2 * np.pi, 72, endpoint=False)
+"""Angles at which a rim that stands sideways is looked at [rad]."""
 
 
 class _Housed(NamedTuple):
@@ -30,6 +33,18 @@ class _Housed(NamedTuple):
     """Its end towards the scene [mm before the main lens, below 0 behind it]."""
     clear: Number
     """Width of its clear aperture [mm]."""
+    aside: Number | None = None
+    """Its farthest point from the tube's axis, where a fold turns its own [mm]; the wall may open for it."""
+
+    def needs(self, c: Camera) -> Number:
+        """Room that it needs between walls, across [mm]."""
+        return self.width if self.aside is None else 2 * (self.aside - shell(c))
+
+    def sizes(self, c: Camera) -> str:
+        """Its width, or how far beside the tube's axis it ends, in words."""
+        if self.aside is None:
+            return f"{float(self.width):.4g} mm"
+        return f"sideways, out to {float(self.aside):.4g} mm from the tube's axis"
 
     def inside(self, c: Camera) -> Array:
         """Whether it lies in the tube: no farther behind the tip than that is long."""
@@ -46,7 +61,8 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
 
     def part(name: str, key: str, width: Number, place: Number, glass: float = 0.0) -> _Housed:
         aside = 2 * np.hypot(numbers[f"{key}.decentre.0"], numbers[f"{key}.decentre.1"])
-        return _Housed(name, np.maximum(width, glass) + aside, place, width + aside)
+        whole = np.maximum(width, glass) + aside
+        return _Housed(name, whole, place, width + aside, _aside(c, place, whole / 2))
 
     def diagonal(key: str) -> Number:
         size: Number = np.hypot(numbers[f"{key}.0"], numbers[f"{key}.1"])
@@ -58,7 +74,7 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
     ]
     for at in c.in_bore:
         glass = _widest(at.element.prescribed)
-        if glass or f"{at.at.place}.diameter" in numbers:
+        if glass or f"{at.at.place}.diameter" in numbers or _aside(c, at.end, 0.0) is not None:
             parts.append(part(at.name, at.at.place, at.at.get("diameter", glass), at.end, glass))
     array, d_2 = -numbers[PATHS["d_1"]] - c.lens.gap, numbers[PATHS["d_2"]]
     parts.append(part("main lens", "main_lens", numbers[PATHS["D"]], 0.0, _widest(c.lens.prescribed)))
@@ -66,6 +82,38 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
     if _holds_sensor(c):
         parts.append(part("sensor", "sensor", diagonal(PACKAGE if _packaged(c) else "sensor.size"), array - d_2))
     return tuple(parts)
+
+
+def unjudged(c: Camera) -> str:
+    """Words on what the width does not count, as it stands sideways no one knows where; empty where it counts all."""
+    parts = [c.in_bore[k] for k in c.chain.order]
+    name = next((at.name for at in parts if at.element.turn and at.element.bounces > 1), "")
+    return f"not judged: what lies ahead of {the(name)} stands sideways" if name else ""
+
+
+def _aside(c: Camera, place: Number, half: Number) -> Number | None:
+    """Farthest point from the tube's axis of a disc about the folded axis [mm]; None where nothing known turns that.
+
+    Light turns halfway through a prism; where it does that by several reflections is not known.
+    """
+    frame, off, before = np.eye(3), [np.asarray(0.0), np.asarray(0.0)], np.asarray(0.0)
+
+    def moved(end: Number) -> list[Array]:
+        return [start + way * (end - before) for start, way in zip(off, frame[:2, 2], strict=True)]
+
+    towards: float | None = None
+    for at in (c.in_bore[k] for k in c.chain.order):
+        part, fold = at.element, at.start + at.length / 2
+        if part.turn and np.all(np.greater(place, fold)):
+            if part.bounces > 1:
+                return None
+            off, towards = moved(fold), part.towards
+            frame, before = frame @ fold_of(part.turn, part.towards, part.reverses), np.asarray(fold)
+    if towards is None:
+        return None
+    rim = frame[:2, :2] @ [np.cos(RIM + towards), np.sin(RIM + towards)]
+    x, y = (np.asarray(a)[..., None] + np.asarray(half)[..., None] * b for a, b in zip(moved(place), rim, strict=True))
+    return np.asarray(np.hypot(x, y).max(axis=-1))
 
 
 def _widest(lenses: Iterable[Prescription]) -> float:
@@ -131,6 +179,6 @@ def outer_diameters(c: Camera) -> Array:
 def _about(c: Camera) -> Array:
     """Outer diameter of a tube about each of `housed` [mm], shape (K, ...); for what lies behind it, about the FAP."""
     parts = housed(c)
-    fap = parts[0].width
-    widths = [np.where(part.inside(c), part.width, fap) + 2 * shell(c) for part in parts]
+    fap = parts[0].needs(c)
+    widths = [np.where(part.inside(c), part.needs(c), fap) + 2 * shell(c) for part in parts]
     return np.stack(np.broadcast_arrays(*widths))

@@ -252,7 +252,7 @@ def test_the_data_sheet_says_whether_it_is_met():
         ("blur_pitches = {max = 3}", "required.blur_pitches", "needs a distance"),
         ('outer_diameter_mm = {max = 3, at = "2 mm"}', "required.outer_diameter_mm", "drop at"),
         ("kept_fraction = {min = 1}", "required.kept_fraction", "from field to field"),
-        ("u_z_mm = {min = 2, max = 1}", "required.u_z_mm", "swap them"),
+        ("u_z_mm = {min = 2, max = 1}", "required.u_z_mm", "nothing lies between; did you swap them?"),
         ('u_z_mm = {max = "-1 mm"}', "required.u_z_mm", "is above 0; raise it"),
         ('outer_diameter_mm = {max = "0 mm"}', "required.outer_diameter_mm", "is above 0; raise it"),
     ],

@@ -216,3 +216,38 @@ def test_a_real_lens_is_as_wide_as_its_widest_surface_whatever_its_clear_apertur
     problem = posed({"d_3": (100.0, 120.0)}, asked, goal("d_3", "max"), design=design)
     row = [row.label for row in problem.rows].index("outer_diameter_mm (main lens) <= 10 mm")
     assert (problem.vector(np.full((3, 1), 0.5))[1:][row] > 0).all()
+
+
+@pytest.fixture(scope="module")
+def sideways():
+    """A prism 4 mm long turns the view by 90 degrees at 10 mm, then a window 2 mm wide ends 4 mm aside."""
+    prism = {"kind": "prism", "distance": 8.0, "thickness": 4.0, "material": "N-BK7", "diameter": 4.0,
+             "deviation": math.pi / 2, "azimuth": 0.3, "reflections": 1}  # fmt: skip
+    window = {"kind": "plate", "distance": 13.0, "thickness": 1.0, "material": "N-BK7", "diameter": 2.0}
+    return roslf.load("rigid-scope").replace(
+        {"elements": [prism, window], "tube": {"outer_diameter": 9.0, "wall": 0.5}}, d_3=5.0
+    )
+
+
+def test_what_lies_ahead_of_a_fold_stands_sideways(sideways):
+    """Window's rim by Pythagoras, beside the exit face of the prism; by several reflections no one knows."""
+    assert fits(sideways).ok
+    assert outer(sideways.replace({"tube": None})) == pytest.approx(2 * math.hypot(4, 1))
+    far = sideways.replace({"elements.1.distance": 18.0})
+    assert f"out to {math.hypot(9, 1):.4g} mm from the tube's axis, of 4.5 mm" in fits(far).text
+    assert outer(far) == pytest.approx(2 * math.hypot(9, 1))
+    assert outer(far.replace({"elements.1.diameter": None})) == pytest.approx(18)
+    long = sideways.replace({"elements.0.thickness": 4.9, "elements.1.diameter": 0.1, "elements.0.diameter": 8.0})
+    assert "prism 1 (sideways, out to 4.692 mm" in fits(long).text
+    slanting = far.replace({"elements.0.deviation": math.pi / 6})
+    assert outer(slanting.replace({"tube": None})) == pytest.approx(2 * (9 / 2 + math.cos(math.pi / 6)))
+    unknown = fits(far.replace({"elements.0.reflections": 2}))
+    assert (unknown.ok, unknown.level) == (False, "limit")
+    assert "not judged: what lies ahead of prism 1 stands sideways" in unknown.text
+
+
+def test_a_short_tube_is_named_where_what_is_too_wide_lies_behind_it(scope):
+    assert "ends before the main lens, say so: [tube] length, below 119 mm" in fits(scope.replace(
+        {"tube.outer_diameter": 7.5}
+    )).remedy  # fmt: skip
+    assert "[tube] length" not in fits(scope.replace({"tube.outer_diameter": 7.5, "tube.length": 119.5})).remedy

@@ -182,7 +182,7 @@ def test_an_impossible_study_exits_0_and_says_so(capsys, tmp_path):
         ('quantity = "sigma_z_mm"', 'quantity = "sigma_zz"', "did you mean 'sigma_z_mm'?"),
         ('direction = "min"', "", "goals.0.direction: is missing; add it"),
         ('direction = "min"', 'direction = "down"', 'goals.0.direction: "down" is not known; write'),
-        ("max = 1.0", "max = 0.5", "fill_factor: min 0.98 is above max 0.5; swap them"),
+        ("max = 1.0", "max = 0.5", "fill_factor: min 0.98 is above max 0.5: nothing lies between; did you swap them"),
         ("min = 0.98", "min = -0.98", "fill_factor: min -0.98 limits nothing, fill_factor is above 0; raise it"),
         ('quantity = "non_distortion_room_mm"\nmin = "0 mm"', 'quantity = "d_1"\nmin = 0.1', "0.1 has no unit"),
         ('min = "0 mm"', "min = false", "expected a length"),

@@ -348,7 +348,7 @@ def test_limits_are_written_alike_in_tolerance_and_optimise_studies(written):
         ("field_of_view_deg", None, "200 deg", "max 200 deg limits nothing, .* lower it or leave it out"),
         ("view_depth_of_field_near_mm", None, "-3 mm", "is none that a camera holds, .* at least 0; raise it"),
         ("image_diameter_mm", "-3 um", None, "min -3 um limits nothing, image_diameter_mm is above 0; raise"),
-        ("sigma_z_mm", "2 mm", "1 mm", "min 2 mm is above max 1 mm; swap them"),
+        ("sigma_z_mm", "2 mm", "1 mm", "min 2 mm is above max 1 mm: nothing lies between; did you swap them"),
     ],
 )  # fmt: skip
 def test_limits_that_by_nature_cannot_hold_are_refused_alike(name, low, high, said, tmp_path, capsys):

@@ -270,7 +270,7 @@ def basis(trial: Trial) -> tuple[Block, ...]:
         rows += [
             ("exposure", f"{1e3 * given['exposure_s']:.3g} ms", ""),
             ("texture", f"{given['contrast']:.3g} rms contrast", f"{detail}; {given['texture']}"),
-            ("independent views", f"{given['views']:.3g}", "what diffraction leaves of the pixels"),
+            ("independent views over the image", f"{given['views']:.3g}", "what diffraction leaves of the pixels"),
         ]
     else:
         rows.append(("disparity error", f"{given['sigma_disparity_pitches']:g} pitches", "as the design gives it"))
