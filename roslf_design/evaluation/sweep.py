@@ -158,8 +158,7 @@ def sweep(
         for quantity, value in zip(by_rays, told, strict=True):
             if value is not None:
                 values[quantity.name].flat[k] = value
-    for each in values.values():
-        each.flat[~valid] = np.nan
+    values = {name: np.where(valid.reshape(shape), each, np.nan) for name, each in values.items()}
     units = {quantity.name: quantity.unit for quantity in known}
     units |= {place: unit_of(place) for place in axes}
     follows = follower([PATHS.get(place, place) for place in axes])

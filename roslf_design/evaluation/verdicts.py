@@ -89,7 +89,7 @@ def verdicts_of(
         answers = [*asked, *answers, first] if focused is None else [*asked, first, *answers]
     answers += thin
     answers += [] if answer is None else [lit(answer)]
-    return (*answers, *([_fits(camera)] if tube.OUTER in camera.numbers else []))
+    return (*answers, *([_fits(camera)] if tube.OUTER in camera.numbers else []), *_reversed(camera))
 
 
 def lens_speed(design: Design, camera: Camera) -> tuple[Verdict, ...]:
@@ -111,6 +111,19 @@ def lens_speed(design: Design, camera: Camera) -> tuple[Verdict, ...]:
     )
     remedy = "`roslf evaluate` with a real lens (main_lens.prescription) before trusting resolution and depth"
     return (Verdict("lens_speed", False, "limit", text, remedy),)
+
+
+def _reversed(camera: Camera) -> tuple[Verdict, ...]:
+    """Whether pictures are reversed; nothing where they are not."""
+    parts = [part for part in camera.in_bore if part.element.reverses]
+    if len(parts) % 2 == 0:
+        return ()
+    across, up = np.abs(camera.chain.mirrored)
+    ways = "left and right" if across >= up else "top and bottom"
+    count = sum(part.element.bounces for part in parts)
+    by = "one reflection" if count == 1 else f"{count} reflections, an odd number"
+    text = f"picture is reversed ({ways}), by {by} ({listed([part.name for part in parts])})"
+    return (Verdict("picture_reversed", False, "limit", text, "turn it round where it is shown"),)
 
 
 def _microlens_speed(camera: Camera) -> tuple[Verdict, ...]:

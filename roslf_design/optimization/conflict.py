@@ -57,7 +57,8 @@ class _Violation:
         return "none" if math.isnan(self.value) else f"{number(self.value)} {self.unit}".rstrip()
 
     def __str__(self) -> str:
-        return f"{self.asked} (got {self.value_words})"
+        held = number(self.value) == number(self.wanted)
+        return f"{self.asked} ({'at its limit' if held else f'got {self.value_words}'})"
 
 
 @dataclass(frozen=True)

@@ -238,7 +238,7 @@ def test_what_lies_ahead_of_a_fold_stands_sideways(sideways):
     assert outer(far) == pytest.approx(2 * math.hypot(9, 1))
     assert outer(far.replace({"elements.1.diameter": None})) == pytest.approx(18)
     long = sideways.replace({"elements.0.thickness": 4.9, "elements.1.diameter": 0.1, "elements.0.diameter": 8.0})
-    assert "prism 1 (sideways, out to 4.692 mm" in fits(long).text
+    assert f"prism 1 (sideways, out to {math.hypot(2.45, 4):.4g} mm" in fits(long).text
     slanting = far.replace({"elements.0.deviation": math.pi / 6})
     assert outer(slanting.replace({"tube": None})) == pytest.approx(2 * (9 / 2 + math.cos(math.pi / 6)))
     unknown = fits(far.replace({"elements.0.reflections": 2}))
@@ -251,3 +251,9 @@ def test_a_short_tube_is_named_where_what_is_too_wide_lies_behind_it(scope):
         {"tube.outer_diameter": 7.5}
     )).remedy  # fmt: skip
     assert "[tube] length" not in fits(scope.replace({"tube.outer_diameter": 7.5, "tube.length": 119.5})).remedy
+
+
+def test_a_picture_reversed_by_one_reflection_is_told_of(sideways):
+    assert "reversed (left and right), by one reflection (prism 1)" in verdict(sideways, "picture_reversed").text
+    twice = roslf.evaluate(sideways.replace({"elements.0.reflections": 2}))
+    assert all(one.name != "picture_reversed" for one in twice.verdicts)
