@@ -184,8 +184,7 @@ def _run(arguments: list[str]) -> Any:
             raise refused(error.__cause__) from None
         more, asked = getattr(error, "unused_tokens", None), " ".join(["roslf", *(error.command_chain or ())])
         wrong = f"{more[0]!r} is one argument too many." if more else " ".join(str(error).split())
-        near = difflib.get_close_matches(more[0], COMMANDS, 1) if more and not error.command_chain else []
-        if near:
+        if more and not error.command_chain and (near := difflib.get_close_matches(more[0], COMMANDS, 1)):
             wrong = f"{more[0]!r} is no command; did you mean {near[0]}?"
         return _complain(f"{wrong} See `{asked} --help`.", 2)
     except UnicodeEncodeError as error:

@@ -88,6 +88,7 @@ def tolerance(
     check_options(folder=output, title=f"Tolerances of {plan.question.design.name}")
     if misses := plan.nominal_misses():
         say(f"roslf: the nominal design itself misses {', '.join(misses)}: its builds will, too", error=True)
+    resume = resume or not (output / "results.json").exists()  # one that was killed left chunks alone
     where = WorkerSettings(workers or _workers(plan.chunks), scheduler)
     with status_and_bars("tolerance") as tell:
         try:
