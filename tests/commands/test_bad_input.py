@@ -484,3 +484,8 @@ def test_a_length_below_zero_is_refused_as_one_and_is_no_option(capsys, words, s
 def test_what_was_meant_is_named(arguments, said, capsys):
     assert main(arguments) == 2
     assert said in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_command_misspelt_is_named(capsys):
+    assert main(["evalute", "head.toml"]) == 2
+    assert "'evalute' is no command; did you mean evaluate?" in capsys.readouterr().err
