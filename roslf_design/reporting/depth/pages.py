@@ -210,8 +210,8 @@ def known(trial: Measurement, summary: Summary) -> Statement:
             " Microlens images overlap so much that views cannot be told apart: match the f-number; roslf evaluate "
             "names the lengths that do."
         )
-    blurred = trial.first.disparities.status == DisparityStatus.UNSHARP
-    if blurred.any():
+    if DisparityStatus.UNSHARP.reason in reasons:
+        blurred = trial.first.disparities.status == DisparityStatus.UNSHARP
         apart = float(trial.first.views_aside[blurred].mean())
         remedy += f" Where the lens is not sharp, views look {apart:.0f} microlenses apart: look nearer to the axis."
     tone: Tone = "good" if summary.measured >= FEW else "caution" if summary.measured > 0 else "bad"
