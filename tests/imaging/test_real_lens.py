@@ -227,7 +227,7 @@ def test_command(tmp_path, capsys):
     assert "lens_distortion" in capsys.readouterr().out
     scene = tmp_path / "p.toml"
     scene.write_text('[[objects]]\nkind = "points"\npositions = [["0 mm", "0 mm", "350 mm"]]\n')
-    assert main(["render", "paper-singlet", "--scene", str(scene), "-o", str(target)]) == 2
+    assert main(["render", "paper-singlet", "--scene", str(scene), "-o", str(tmp_path / "p.tif")]) == 2
     err = capsys.readouterr().err
     assert len(err.splitlines()) == 1
     assert "point sources behind a real main lens" in err

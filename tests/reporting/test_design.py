@@ -129,7 +129,7 @@ def test_same_design_same_bytes_and_nothing_else_in_the_folder(text, tmp_path, m
 
 def test_figures_as_files(tmp_path, monkeypatch):
     made = design_report(load("rigid-scope"))
-    monkeypatch.setattr(command, "maker", lambda *_: lambda **_: made)
+    monkeypatch.setattr(command, "maker", lambda *_: (made.title, lambda **_: made))
     with pytest.raises(InputError, match="'ray' is not here; there are all, glance, mtf, resolution-map, dimensions"):
         command.report("rigid-scope", output=tmp_path / "out", figure=["ray"])
     assert not (tmp_path / "out").exists()
@@ -331,7 +331,8 @@ def test_three_designs_of_different_scale_and_stops_fit_and_one_is_refused():
 
 def test_a_pdf_tells_date_version_and_command_at_its_foot_unless_asked_not_to(tmp_path, monkeypatch, capsys):
     pytest.importorskip("typst", reason="the typst package is not installed")
-    monkeypatch.setattr("roslf_design.commands.report.maker", lambda *_: lambda **_: Report(load("paper").name, "", ()))
+    empty = Report(load("paper").name, "", ())
+    monkeypatch.setattr("roslf_design.commands.report.maker", lambda *_: (empty.title, lambda **_: empty))
     feet = []
     monkeypatch.setattr("roslf_design.commands.report.render_pdf", lambda made, _: feet.append(made.footer) or b"")
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "951782400")  # 2000-02-29, 00:00 UTC
@@ -355,7 +356,7 @@ def test_a_report_ends_with_its_answer_the_faults_first(tmp_path, monkeypatch, c
     report = Report("x", "", (Section("Summary", (Statements((good, *bad)),)),))
     assert report.answer == "✗ No light-field camera. (1 more ✗ in the report)"
     assert Report("x", "", (Section("Summary", (Statements((good,)),)),)).answer == "✓ Evenly lit."
-    monkeypatch.setattr("roslf_design.commands.report.maker", lambda *_: lambda **_: report)
+    monkeypatch.setattr("roslf_design.commands.report.maker", lambda *_: (report.title, lambda **_: report))
     assert main(["report", "paper", "-o", str(tmp_path)]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == report.answer
 

@@ -252,7 +252,7 @@ def test_what_is_no_design_and_no_study_says_what_was_looked_for(tmp_path, capsy
 
 
 def test_unwritable_output_is_one_line_and_leaves_nothing(folder, capsys, monkeypatch):
-    monkeypatch.setattr(command, "maker", lambda *_: lambda **_: Report("a", "", ()))
+    monkeypatch.setattr(command, "maker", lambda *_: ("a", lambda **_: Report("a", "", ())))
     monkeypatch.setattr("tempfile.mkstemp", refuse)
     assert main(["report", "paper", "-o", str(folder / "out")]) == 1
     said = capsys.readouterr().err

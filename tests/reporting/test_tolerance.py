@@ -326,6 +326,7 @@ def analysed(data, required=(), budgets=False):
 
 
 MISSES = [{"place": "d_2", "tolerance": "30 um"}, {"place": "f", "tolerance": "1 %"}]
+FAR = [{"place": "d_2", "tolerance": "1 mm"}]
 
 
 @pytest.mark.parametrize(
@@ -334,7 +335,8 @@ MISSES = [{"place": "d_2", "tolerance": "30 um"}, {"place": "f", "tolerance": "1
         # At the edge of its limit half of all builds miss it, however little they miss; focused, none does.
         ({"max": 1.00506}, MISSES, True, "adjustment", "No single tolerance reaches it, however tight."),
         ({"max": 1.00506}, MISSES, False, None, "were not tried: `roslf tolerance`"),
-        ({"max": 1.0050599571}, MISSES[1:], True, None, "nor does one alone or an adjustment at assembly: change"),
+        # Farther off than any adjustment reaches.
+        ({"max": 1.00506}, FAR, True, None, "nor does one alone or an adjustment at assembly: change"),
         # One length is all that misses: it alone, to a grade or less, is enough.
         ({"min": 0.999, "max": 1.01}, MISSES[:1], True, "tightening", "Cheapest: d_2 to ± "),
         ({"min": 0.999, "max": 1.01}, MISSES[:1], False, None, "Tighten all tolerances to 0."),
