@@ -66,8 +66,8 @@ def datasheet(
         Size of the PDF's pages.
     calibration
         Folder that roslf calibrate wrote: each line gets what it leaves uncertain (2 sigma). Of a single design the
-        page is then of the instrument that was calibrated. Or
-        the word planned, which is then no folder's name: what roslf calibrate --plan plans of the design.
+        page is then of the instrument that was calibrated. Or the word planned, which is then no folder's name: what
+        roslf calibrate --plan plans of the design.
     at
         Distance ahead of the tip, as "10mm", that gets lines beside the focal plane and the working range's ends; may
         be given several times.
