@@ -123,7 +123,8 @@ def _coordinates(images: ImageRows) -> tuple[Array, Array, Array]:
     rows += [*np.log(np.concatenate(noise, 1)).T, *(light / images.room).T]
     noises = shot.shape[1]
     reach = np.array([0.8, 4.0, 3.0, 1.0, 1.0, 1.2, *[1.0] * len(shape), *[5.0] * 3 * noises, *[0.3] * noises])
-    return np.stack(rows), reach, (images.texture.strength / images.wide**2)[:, None] / (1.0 if filled else shot)
+    scale = (images.texture.strength / images.wide**2)[:, None] / (np.ones(shot.shape) if filled else shot)
+    return np.stack(rows), reach, scale
 
 
 @functools.lru_cache(maxsize=4096)

@@ -74,6 +74,15 @@ def test_series_through_many_builds_know_the_mismatch():
         )
 
 
+@pytest.mark.parametrize("diameter", [3.25, 4.0])
+def test_many_distances_of_images_that_overlap_are_those_taken_one_by_one(diameter):
+    """Where several images' light adds up to more than the full well here and there; to 1e-4."""
+    camera, at = Camera.of(PAPER.replace({"aperture.diameter": diameter})), np.linspace(250.0, 400.0, 200)
+    together = depth_budget(camera, at).u_z_mm
+    alone = [float(depth_budget(camera, at[k]).u_z_mm) for k in range(0, 200, 40)]
+    np.testing.assert_allclose(together[::40], alone, rtol=1e-4)  # what series promise
+
+
 def test_without_anything_else_it_is_the_bound():
     bare = Camera.of(PAPER.replace({"depth.view_mismatch": 0.0}))
     budget = depth_budget(bare)
