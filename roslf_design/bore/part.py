@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from .._arrays import by_value
 from ..lenses.glass import Glass
@@ -20,6 +21,12 @@ Number = float | NDArray[np.float64]
 Offset = tuple[AnyLength, AnyLength]
 Tilt = tuple[Angle, Angle]
 Size = tuple[Length, Length]
+PartName = Annotated[str, Field(min_length=1)]
+"""Name of a part in a catalogue."""
+Layout = Literal["square", "hexagonal"]
+"""Packing of microlenses; hexagonal rows run along the array's x axis."""
+Colours = Literal["mono", "RGGB", "GRBG", "GBRG", "BGGR"]
+"""Filters on a sensor's pixels: none, or a Bayer pattern, the first two pixels of its first two rows."""
 
 WAVELENGTH, TEMPERATURE = "light.wavelength", "environment.temperature"
 """Places of a design that every part may depend on."""

@@ -16,7 +16,7 @@ from ..words import length
 from .element import Element, Flags, Matrix, degrees
 from .export import SequenceRow
 from .faces import Face, Surroundings, axes_of, plane_row, vertex_of
-from .part import Number, PartNumbers, Tilt
+from .part import Number, PartName, PartNumbers, Tilt
 
 
 def glass_rows(name: str, at: float, thickness: float, glass: Glass, semi: float) -> list[SequenceRow]:
@@ -93,6 +93,8 @@ class Plate(Block):
     """A plane-parallel plate: a window, or a rod where it is longer than wide."""
 
     kind: Literal["plate"]
+    part: PartName | None = None
+    """Window in the catalogue that gives thickness, material and diameter where they are left out; as `sensor.part`."""
 
     catalogue: ClassVar = ("windows",)
 

@@ -22,10 +22,10 @@ from ..bore.conjugates import CONJUGATES, follower
 from ..bore.lens import IMAGE
 from ..bore.main_lens import IdealMainLens, MainLensKind
 from ..bore.opening import ClearAperture
-from ..bore.part import TEMPERATURE, Number, PartNumbers, minus, plus, times
+from ..bore.part import TEMPERATURE, Colours, Layout, Number, PartNumbers, minus, plus, times
 from ..design import Design, DesignError, Problem
 from ..design.growth import Growth
-from ..design.parts import BEHIND, PATHS, Colours, Layout, Symbols
+from ..design.parts import BEHIND, PATHS, Symbols
 from ..errors import expect
 from ..lenses.angles import AngleMap
 from ..toml_files import nearest

@@ -10,9 +10,10 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
+from ..catalogue import KINDS, Kind, load_catalogue, parse_condition, read_condition, rows
+from ..catalogue.entries import NAMED
 from ..lenses.glass import catalogue as materials
 from ..lenses.lens_file import shipped_names
-from ..optimization.parts import KINDS, Kind, load_catalogue, parse_condition, read_condition, rows
 from ..tables import Table, print_table
 from .terminal import Json, Repeated, json_text, say
 
@@ -49,7 +50,8 @@ def catalogue(
         Further catalogue files of your own, in the same format.
     """
     conditions = {text: read_condition(text) for text in where or []}
-    every = list(rows(load_catalogue(file or []), kind or KINDS))
+    known = load_catalogue(file or [])
+    every = list(rows(known, kind or KINDS))
     chosen = [row for row in every if all(condition(row) for condition in conditions.values())]
     if json:
         print(json_text({"schema": "roslf.catalogue/1", "parts": chosen, "prescriptions": TRACED}))
@@ -74,6 +76,13 @@ def catalogue(
         if lines:
             heads = ("part", "maker", *(key.replace("_", " ") for key in shown), "confidence", "note")
             print_table(Table(tuple(lines), "l" * len(heads), heads, name.replace("_", " ")), console)
+    first = {row["kind"]: row["part"] for row in chosen[::-1]}
+    if first:
+        print("\nA design that names a part has from it what its own table leaves out:")
+    for place, name in NAMED.items():
+        for part in [part for part in known.of(name) if part.part == first.get(name)]:
+            given = ", ".join(part.table)
+            print(f"\n{_head(place)}\npart = {_named(name, part.part, file or [])}  # gives {given}")
     print()
     for number, note in enumerate(notes, 1):
         say(f"{number}  {note}")
@@ -87,6 +96,18 @@ def catalogue(
         for text, condition in conditions.items():
             say(f'"{text}" holds for {sum(map(condition, every))} of {len(every)} parts{_theirs(every, text)}')
     print(f"\n{len(chosen)} part{'s' * (len(chosen) != 1)}. Add your own with --file, or in a study.")
+
+
+def _head(place: str) -> str:
+    """Head of a table of a design that may name a part."""
+    return '[[elements]]\nkind = "plate"' if place == "elements" else f"[{place}]"
+
+
+def _named(kind: Kind, part: str, files: Sequence[Path]) -> str:
+    """Value of `part` in a design: its name, of one in a file of the user's with that."""
+    name = json_text(part).strip()
+    own = [path for path in files if part in (one.part for one in load_catalogue([path], shipped=False).of(kind))]
+    return f"{{file = {json_text(own[0].name).strip()}, name = {name}}}" if own else name
 
 
 def _theirs(every: Sequence[Mapping[str, Any]], text: str) -> str:

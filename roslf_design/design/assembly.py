@@ -13,6 +13,7 @@ from ..bore.chain import COVER, SUBSTRATE, Chain
 from ..bore.conjugates import CONJUGATES
 from ..bore.elements import AnyElement, ObjectSpace, element_name
 from ..bore.part import TEMPERATURE, WAVELENGTH, OpticalPart, Part
+from ..catalogue.entries import NAMED, with_named_parts
 from ..lenses.glass import Glass
 from ..lenses.prescription import Prescription
 from .check import FOCAL, PLANE, at
@@ -101,6 +102,11 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
     def _with_told_pupil(cls, data: Any) -> Any:
         told = isinstance(data, Mapping) and at(data, "main_lens.sheet") is not None
         return {"aperture": {}, **data} if told else data
+
+    @field_validator(*NAMED, mode="before")
+    @classmethod
+    def _by_name(cls, value: Any, info: ValidationInfo) -> Any:
+        return with_named_parts(str(info.field_name), value, (info.context or {}).get("folder", ""))
 
     @field_validator("aperture", mode="wrap")
     @classmethod

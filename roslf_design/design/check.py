@@ -13,6 +13,7 @@ from pydantic import BaseModel, ValidationError
 from ..bore.conjugates import CONJUGATES, REFRACTING, conjugate_residual, followed
 from ..bore.main_lens import IdealMainLens, MainLensKind, main_lens_kind
 from ..bore.real_lens import read_prescription
+from ..catalogue.entries import NAMED, with_named_parts
 from ..errors import InputError, Problem
 from ..toml_files import problems_of
 from ..units import format_quantity, read_quantity
@@ -79,6 +80,10 @@ def design_problems(
         if fault["type"] == MISFIT:  # every value was read: what was found between them
             return tuple(fault["ctx"]["problems"])
     problems = [problem for problem in problems_of(error, model) if problem.key]
+    if any(problem.key.endswith(".part") for problem in problems):  # what it gives is not known
+        return tuple(problems)
+    named = {place: with_named_parts(place, data[place], folder) for place in NAMED if place in data}
+    data = {**data, **named}
     if (mended := [_mended(data, problems, glass) for glass in GLASSES])[0] is not None:
         between = [_between(one, model, from_file, folder) for one in mended]
         return tuple(dict.fromkeys((*problems, *(fault for fault in between[0] if fault in between[1]))))

@@ -15,6 +15,7 @@ from pydantic_core import PydanticCustomError
 from ..bore.chain import MEDIUM
 from ..bore.conjugates import CONJUGATES, follower
 from ..bore.part import TEMPERATURE, Part
+from ..catalogue.entries import GIVEN, INSTEAD, NAMED
 from ..errors import InputError, Problem
 from ..lenses.glass import AIR
 from ..tables import Table
@@ -29,6 +30,7 @@ from .parts import BEHIND, PATHS
 
 SYMBOL = re.compile(r"[A-Za-z]_?[0-9A-Za-z]{0,2}")
 """Pattern of a symbol, known or not."""
+LENS_PART = "main_lens.part"
 FAP_SHAPE = ("aperture.shape", "aperture.sides")
 """Beginnings of places that say what shape and size the FAP has."""
 
@@ -127,7 +129,19 @@ class Design(Assembly):
         if self.aperture.behind is not None and PATHS["d_3"] in wanted and BEHIND not in wanted:
             wanted[BEHIND] = -wanted.pop(PATHS["d_3"])
         data = _mutable(self)
-        for path, value in _with_follower(self, wanted).items():
+        for place in [path.removesuffix(".part") for path in wanted if path.endswith(".part") and wanted[path]]:
+            table, given = at(data, place) or {}, GIVEN[NAMED[place.partition(".")[0]]]
+            for key in [key for key in table if INSTEAD.get(key, key) in given]:
+                del table[
+                    key
+                ]  # the part before gave it, or the file: now this one does, where no change says otherwise
+        followed = _with_follower(self, wanted)
+        if LENS_PART in wanted and FOCAL not in wanted:
+            followed.pop(FOCAL, None)  # that of the lens before
+        wanted = followed
+        if wanted.get(FOCAL, ...) is None and self.main_lens.focal_length is not None:
+            wanted.setdefault(LENS_PART, None)  # the lens that d_f and d_1 ask for is another
+        for path, value in wanted.items():
             _put(data, path, value)
         return build(data, from_file=False)
 

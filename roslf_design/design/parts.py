@@ -18,7 +18,7 @@ from ..bore.export import SequenceRow
 from ..bore.lens_sheet import LensSheet
 from ..bore.main_lens import MainLensKind, SheetMainLens, main_lens_kind
 from ..bore.opening import TURN, ClearAperture
-from ..bore.part import Number, Offset, OpticalPart, Part, Size, Tilt
+from ..bore.part import Colours, Layout, Number, Offset, OpticalPart, Part, PartName, Size, Tilt
 from ..bore.plate import glass_rows
 from ..bore.real_lens import Lens
 from ..lenses.glass import Glass
@@ -40,10 +40,6 @@ from ..words import length
 BEHIND = "aperture.behind"
 """Place of the distance of a stop behind the main lens."""
 N = TypeVar("N", float, Number)
-Layout = Literal["square", "hexagonal"]
-"""Packing of microlenses; hexagonal rows run along the array's x axis."""
-Colours = Literal["mono", "RGGB", "GRBG", "GBRG", "BGGR"]
-"""Filters on a sensor's pixels: none, or a Bayer pattern, the first two pixels of its first two rows."""
 VIEW_MISMATCH = 0.02
 """Share by which samples of a raw capture differ from what other views say, where nothing is known: rounded up from a
 raw white frame of a light-field microscope before any flat field (0.013 rms from one microlens to the next and from
@@ -61,6 +57,9 @@ class MainLens(OpticalPart):
     d_f, d_3 and the further stops count from its object-side principal plane, d_1 from its image-side one.
     """
 
+    part: PartName | None = None
+    """Part in the catalogue that gives the keys left out here (`roslf catalogue` lists names, and what they give), or
+    {file = "mine.toml", name = "quote 118"} in one of your own; own values beside it win. None: no part is named."""
     prescription: Lens = None
     """A real lens; None is the ideal one."""
     sheet: LensSheet | None = None
@@ -277,6 +276,9 @@ class Substrate(Cover):
 class MicrolensArray(OpticalPart):
     """The microlens array (MLA)."""
 
+    part: PartName | None = None
+    """Part in the catalogue that gives the keys left out here (`roslf catalogue` lists names, and what they give), or
+    {file = "mine.toml", name = "quote 118"} in one of your own; own values beside it win. None: no part is named."""
     pitch: Length
     """d, between centres of neighbours, the same all over the array [mm]."""
     focal_lengths: Annotated[tuple[Length, ...], Field(max_length=16)] = ()
@@ -347,6 +349,9 @@ class Sensor(OpticalPart):
     INSTEAD: ClassVar = ("pixels",)
     """Keys that a file may have in place of others."""
 
+    part: PartName | None = None
+    """Part in the catalogue that gives the keys left out here (`roslf catalogue` lists names, and what they give), or
+    {file = "mine.toml", name = "quote 118"} in one of your own; own values beside it win. None: no part is named."""
     distance: Length
     """d_2, MLA to sensor [mm]."""
     pixel: Length

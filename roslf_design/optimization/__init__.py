@@ -6,11 +6,11 @@ does everything that a study file asks for: reduce a bore to one stop, trace a f
 choose parts.
 """
 
+from ..catalogue import Catalogue, load_catalogue
 from .bore import EquivalentPupil, reduce_bore
 from .combinations import Combinations
 from .front import Front, pareto_front
 from .goals import Constraint, Goal
-from .parts import Catalogue, load_catalogue
 from .problem import DesignProblem
 from .ranking import Ranking, rank
 from .solve import Answer, Settings, solve

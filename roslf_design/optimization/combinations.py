@@ -15,6 +15,8 @@ from pydantic import AfterValidator, Field, StrictBool
 from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
 from ..bore.main_lens import MainLensKind
+from ..catalogue.conditions import parse_condition, read_condition
+from ..catalogue.entries import KINDS, LENS_PRESCRIPTION, Catalogue, Entry, Kind, Option, rows
 from ..design import PATHS, Design
 from ..errors import InputError, Problem
 from ..lenses.glass import Glass
@@ -22,24 +24,8 @@ from ..lenses.prescription import Prescription
 from ..toml_files import StrictTable, nearest
 from ..traced.camera import camera_of
 from ..words import number as in_digits
+from .choices import LENS_REVERSED, ORIENTATIONS, Choice, given_by, glass_choices, placed
 from .lens_variables import why_not_bent
-from .parts import (
-    KINDS,
-    LENS_PRESCRIPTION,
-    LENS_REVERSED,
-    ORIENTATIONS,
-    Catalogue,
-    Choice,
-    Entry,
-    Kind,
-    Option,
-    given_by,
-    glass_choices,
-    parse_condition,
-    placed,
-    read_condition,
-    rows,
-)
 from .problem import DesignProblem, sobol_units
 from .search import BIG
 
@@ -217,12 +203,12 @@ class Combinations:
     def _numbers(self, part: Option) -> dict[str, Any]:
         """Numbers that a part sets, by place; of a material also the index that the problem's light has in it."""
         wavelength, environment = float(self.problem.base.wavelength), self.problem.design.environment
-        own = part.behind(self.problem.design.main_lens.kind, wavelength, environment)
+        warmth = () if environment is None else (environment.temperature, environment.expansion)
+        own = part.behind(self.problem.design.main_lens.kind, wavelength, *warmth)
         numbers = {placed(place, self.element): value for place, value in own.items()}
-        warm = None if environment is None else environment.temperature
         glasses = {place: value for place, value in numbers.items() if isinstance(value, Glass)}
         return numbers | {
-            f"{place.rpartition('.')[0]}.index": float(glass.index(wavelength, warm))
+            f"{place.rpartition('.')[0]}.index": float(glass.index(wavelength, *warmth[:1]))
             for place, glass in glasses.items()
         }
 

@@ -18,6 +18,7 @@ from pydantic import Field, StrictBool, ValidationError, field_validator
 from .._arrays import by_value, ratio
 from ..bore.conjugates import CONJUGATES
 from ..camera import TIP, Camera
+from ..catalogue import load_catalogue
 from ..design import PATHS, Design
 from ..design.files import expect_kind
 from ..design.parts import Stop
@@ -35,11 +36,11 @@ from ..toml_files import StrictTable, nearest, problems_of, read_toml
 from ..units import Length
 from ..words import number
 from .bore import BoreTable, EquivalentPupil, solve_through
+from .choices import given_by
 from .combinations import CatalogueTable, Combinations
 from .front import Front, ParetoTable, pareto_front
 from .goals import Constraint, Goal
 from .lens_variables import lens_faults, places_that_vary, varies_lens
-from .parts import given_by, load_catalogue
 from .problem import DesignProblem, sobol_units, titled
 from .ranking import Ranking, rank
 from .robust import Robust, RobustTable, maximise_robustness, scatter_of

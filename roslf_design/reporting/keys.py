@@ -27,6 +27,7 @@ from ..bore.lens_sheet import LensSheet
 from ..bore.mapping import MappingTable
 from ..bore.real_lens import Lens
 from ..calibration.options import BoardDistances, PlanOptions
+from ..catalogue.entries import MODELS
 from ..design import Design, Light, MainLens, MicrolensArray, Pupil, Sensor, Stop
 from ..design.environment import Environment
 from ..design.parts import Cover, DepthSettings, Housing, Substrate
@@ -40,7 +41,6 @@ from ..optimization.bore import BoreTable, StopTable, TubeTable
 from ..optimization.combinations import CatalogueTable
 from ..optimization.front import ParetoTable
 from ..optimization.goals import Constraint, Goal
-from ..optimization.parts import MODELS
 from ..optimization.robust import PerturbTable, RobustTable
 from ..optimization.solve import SolverTable
 from ..optimization.study import StudyTable

@@ -10,7 +10,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..design.parts import Layout
+from ..bore.part import Layout
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.floating]

@@ -14,8 +14,9 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from ..bore.part import Colours
 from ..camera import Camera, Number
-from ..design.parts import PATHS, Colours
+from ..design.parts import PATHS
 
 Letter = Literal["R", "G", "B"]
 

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution
 
 import roslf_design as roslf
+from roslf_design.catalogue import load_catalogue
 from roslf_design.errors import InputError
 from roslf_design.optimization import Constraint, Goal
 from roslf_design.optimization.combinations import CatalogueTable, Combinations
 from roslf_design.optimization.lens_variables import BENDING
-from roslf_design.optimization.parts import load_catalogue
 from roslf_design.optimization.problem import DesignProblem, promising_starts, sobol_units
 from roslf_design.optimization.search import Guard, SearchBudget, derivative_free, globally, search
 from roslf_design.optimization.variables import NumberVariable, Variable

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
+from roslf_design.catalogue import load_catalogue
 from roslf_design.cli import main
 from roslf_design.commands.report import maker
 from roslf_design.design import DesignError, preset_names
@@ -19,7 +20,6 @@ from roslf_design.evaluation.fields import evaluate_fields, rays_for
 from roslf_design.evaluation.groups import RayBudget, Share
 from roslf_design.evaluation.result import budget_table, seen_table
 from roslf_design.evaluation.verdicts import FASTEST_ARRAY, _thin
-from roslf_design.optimization.parts import load_catalogue
 from roslf_design.reporting.blocks import Table
 from roslf_design.reporting.design.pages import _accuracy_section
 from roslf_design.reporting.design.parts_list import parts_section

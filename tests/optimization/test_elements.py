@@ -8,11 +8,11 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
+from roslf_design.catalogue import load_catalogue
 from roslf_design.cli import main
 from roslf_design.design import save
 from roslf_design.errors import InputError
 from roslf_design.optimization.bounds import _bound, prunable
-from roslf_design.optimization.parts import load_catalogue
 from roslf_design.optimization.solve import Settings, solve
 from roslf_design.optimization.study import load_study
 from roslf_design.optimization.variables import name_faults

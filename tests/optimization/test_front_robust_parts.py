@@ -5,10 +5,10 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
+from roslf_design.catalogue import Catalogue, load_catalogue, read_condition, rows
 from roslf_design.errors import InputError
 from roslf_design.optimization.combinations import Combinations
 from roslf_design.optimization.front import pareto_front
-from roslf_design.optimization.parts import Catalogue, load_catalogue, read_condition, rows
 from roslf_design.optimization.ranking import rank
 from roslf_design.optimization.robust import RobustTable, maximise_robustness, scatter_of
 from roslf_design.optimization.search import QUICK, SearchBudget, search

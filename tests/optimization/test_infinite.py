@@ -9,10 +9,10 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
+from roslf_design.catalogue import load_catalogue
 from roslf_design.design import PATHS
 from roslf_design.optimization.combinations import Combinations
 from roslf_design.optimization.front import pareto_front
-from roslf_design.optimization.parts import load_catalogue
 from roslf_design.optimization.ranking import rank
 from roslf_design.optimization.search import SearchBudget
 from roslf_design.optimization.solve import Settings, solve

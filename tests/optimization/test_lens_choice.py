@@ -8,6 +8,7 @@ import pytest
 from scipy.optimize import differential_evolution
 
 import roslf_design as roslf
+from roslf_design.catalogue import load_catalogue
 from roslf_design.cli import main
 from roslf_design.design import preset_path
 from roslf_design.errors import InputError
@@ -17,7 +18,6 @@ from roslf_design.lenses.prescription import Prescription, Surface, first_order
 from roslf_design.optimization import Constraint, Goal, Settings, solve
 from roslf_design.optimization.combinations import CatalogueTable, Combinations
 from roslf_design.optimization.lens_variables import BENDING, FOCAL, LensVariation, with_glasses
-from roslf_design.optimization.parts import load_catalogue
 from roslf_design.optimization.ranking import _Ranker, rank
 from roslf_design.optimization.search import SearchBudget
 from roslf_design.optimization.traces import FieldTraces

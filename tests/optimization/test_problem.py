@@ -8,9 +8,9 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
+from roslf_design.catalogue import Catalogue
 from roslf_design.optimization.bounds import Boxes, prunable
 from roslf_design.optimization.combinations import Combinations
-from roslf_design.optimization.parts import Catalogue
 from roslf_design.optimization.search import gradient_error, value_and_jacobian
 from roslf_design.optimization.variables import name_faults
 from roslf_design.theory.quantities import QUANTITIES, quantity_named

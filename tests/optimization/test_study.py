@@ -10,9 +10,9 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
+from roslf_design.catalogue import load_catalogue, rows
 from roslf_design.cli import main
 from roslf_design.design import save
-from roslf_design.optimization.parts import load_catalogue, rows
 from roslf_design.optimization.study import read_study
 from roslf_design.optimization.study import run as run_study
 from roslf_design.reporting.blocks import Statements, Table

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import pytest
 
 from roslf_design import __version__
+from roslf_design.catalogue import Catalogue, load_catalogue
 from roslf_design.cli import main
 from roslf_design.commands import report as command
 from roslf_design.design import dumps, load, preset_names
@@ -17,7 +18,6 @@ from roslf_design.design.files import WRITTEN
 from roslf_design.drawing import solid
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
-from roslf_design.optimization.parts import Catalogue, load_catalogue
 from roslf_design.reporting.blocks import Code, Figure, Report, Section, Statement, Statements, Table
 from roslf_design.reporting.design.compare import comparison_report
 from roslf_design.reporting.design.figures import _picture_sheet, dimensions_sheet

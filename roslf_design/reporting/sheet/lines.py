@@ -53,6 +53,7 @@ from ...words import listed, number
 from ..blocks import Block, Figure, Paragraph, Report, Section, Table
 from ..design.curves import KnownLengths
 from ..design.figures import depth_figure, dimensions_sheet, glance
+from ..design.parts_list import named_parts
 from ..design.rays import dimensions
 from ..lens_words import lens_words
 from ..tolerance.pages import impossible_words, interval_words
@@ -586,7 +587,8 @@ def _shown_in(line: _SheetLine) -> tuple[float, str]:
 
     That of its limit where one stands beside.
     """
-    small = line.unit == "mm" and line.subject != REQUIRED and 0 < abs(line.value or 0.0) < SMALL
+    whole = (REQUIRED, EXPECTED, DEPTH)  # of which the same number stands beside in millimetres
+    small = line.unit == "mm" and not line.subject.startswith(whole) and 0 < abs(line.value or 0.0) < SMALL
     return (1e3, "um") if small else (1.0, line.unit)
 
 
@@ -719,7 +721,7 @@ def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = N
         drawn.append(depth_figure(design, known))
     head = sheet_head(design, revision, date)
     blocks = (head, signatures(), *section.blocks, *drawn)
-    which = ", ".join(f"{what} {value.split()[0]}" for what, value in head.rows[1:] if value != NONE)
+    which = ", ".join(f"{what} {value.split()[0]}" for what, value in head.rows[1:4] if value != NONE)
     sections = (Section(section.title, blocks),)
     return Report(sheet_title(design.name, revision), design.source, sections, f"{design.name}; {which}")
 
@@ -727,8 +729,10 @@ def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = N
 def sheet_head(design: Design, revision: str, date: str) -> Table:
     """Which design in which revision a page to sign is of, and of what day."""
     about = f"{_fingerprint(design)} (sha256 of the design as roslf writes it)"
-    head = (("design", design.name), ("revision", revision), ("hash of the design", about), ("date", date))
-    return Table(head, "ll", title=HEAD, dense=True, widths=(24, 0))
+    head = [("design", design.name), ("revision", revision), ("hash of the design", about), ("date", date)]
+    if named := named_parts(design):
+        head.append(("parts named", "; ".join(f"{words} ({place})" for place, words in named)))
+    return Table(tuple(head), "ll", title=HEAD, dense=True, widths=(24, 0))
 
 
 def signatures() -> Table:

@@ -1,0 +1,450 @@
+"""Parts that can be bought, as data files with their provenance, and the reader's confidence in them.
+
+A part says which keys of a design it gives, so that a design may name it: `part = "IMX250"`.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from operator import attrgetter
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
+
+from pydantic import Field, StrictBool, ValidationError, model_validator
+
+from ..bore.main_lens import MainLensKind, main_lens_kind
+from ..bore.part import Colours, Layout
+from ..bore.real_lens import Lens, focal_length_at
+from ..errors import InputError, Problem
+from ..lenses.manufacture import D_LINE
+from ..lenses.material import Material
+from ..toml_files import StrictTable, nearest, problems_of, read_toml, validated
+from ..units import Angle, Length, format_quantity
+
+Kind = Literal["lenses", "microlens_arrays", "sensors", "windows"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+Confidence = Literal["measured", "datasheet", "secondary", "unverified", "typical"]
+"""measured: by whom the provenance says; datasheet: read in the maker's own; secondary: read where others quote the
+maker; unverified: stated without a source at hand; typical: a size that many makers list, not one part."""
+
+Gives = Mapping[str, Callable[[Any], Any]]
+"""Place of a design to what a part has there."""
+
+LENS_PRESCRIPTION = "main_lens.prescription"
+ALIKE = 0.05
+"""Relative difference up to which a prescription's focal length is that of its catalogue line."""
+
+ELEMENT = "element."
+"""Prefix of places in the element that a part is chosen for."""
+
+SHIPPED = Path(__file__).parent
+
+
+class Option(StrictTable):
+    """Option of several to choose from."""
+
+    gives: ClassVar[Gives] = {}
+    part: Annotated[str, Field(min_length=1)]
+    """Name or number; unique among its kind."""
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """Place of a design to what this gives there [mm]; words for a layout and a shape."""
+        return {place: read(self) for place, read in self.gives.items()}
+
+    @property
+    def declared(self) -> dict[str, Any]:
+        """Place of a design to what is known of this one, beside numbers that all of its kind have."""
+        return {}
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether it may be cut to the size that a sensor needs."""
+        return False
+
+    def fits(self, lens: MainLensKind) -> bool:
+        """Whether it can be chosen for a camera with such a main lens."""
+        return True
+
+    def behind(self, lens: MainLensKind, wavelength: float, *warmth: float) -> dict[str, Any]:
+        """Numbers that this gives a camera with such a main lens; `warmth` as `MainLensKind.replacement` takes it."""
+        return self.numbers
+
+
+class Entry(Option):
+    """Fields common to all parts of the catalogue."""
+
+    maker: str = ""
+    provenance: str
+    """Source of the figures."""
+    page: str = ""
+    """Address of the page or data sheet that they were read on."""
+    read: Annotated[str, Field(pattern=r"^(\d{4}-\d\d-\d\d)?$")] = ""
+    """Day on which they were read, as "2026-11-28"."""
+    confidence: Confidence
+    remark: str = ""
+
+    @property
+    def area(self) -> float:
+        """Area of a sensor or an array [mm^2]; 0 of other parts."""
+        return 0.0
+
+    @property
+    def name(self) -> str:
+        """Maker and part."""
+        return f"{self.maker} {self.part}".strip()
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Keys that it gives its table of a design file, with their units."""
+        table: dict[str, Any] = {}
+        for place, value in (self.numbers | self.declared).items():
+            key, _, axis = place.partition(".")[2].partition(".")
+            dimension = "angle" if key == "acceptance" else "length"
+            text = format_quantity(value, dimension) if isinstance(value, float) else value
+            table[key] = [*table.get(key, ()), text] if axis else text
+        return table
+
+    @property
+    def source(self) -> str:
+        """Source of the figures, where and when they were read."""
+        read = " ".join(filter(None, (self.page, self.read and f"read {self.read}")))
+        return f"{self.provenance}; {read}" if read else self.provenance
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """Plain values, lengths in mm."""
+        return {key: value for key, value in self.model_dump().items() if value not in (None, "")}
+
+
+class _Round(Entry):
+    """A round part, held at its edge."""
+
+    diameter: Length
+    """Outer [mm]."""
+    clear_aperture: Length | None = None
+    """[mm]; 90 % of the diameter where not given."""
+
+    @property
+    def aperture(self) -> float:
+        """Clear aperture [mm]."""
+        return self.clear_aperture if self.clear_aperture is not None else 0.9 * self.diameter
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """Plain values; whether the clear aperture is assumed."""
+        return super().row | {
+            "clear_aperture": self.aperture,
+            "clear_aperture_assumed": self.clear_aperture is None,
+        }
+
+    @model_validator(mode="after")
+    def _inside(self) -> Self:
+        if self.clear_aperture is not None and self.clear_aperture > self.diameter:
+            raise ValueError("clear_aperture is larger than the diameter; swap them")
+        return self
+
+
+class _LensPart(_Round):
+    """A main lens."""
+
+    gives: ClassVar[Gives] = {
+        "main_lens.diameter": attrgetter("aperture"),
+        "main_lens.focal_length": attrgetter("focal_length"),
+    }
+
+    type: str = ""
+    focal_length: Length
+    prescription: Lens = None
+    """Its surfaces: the name of a lens that ships, a lens file beside the catalogue's, or a table. Behind a real main
+    lens only parts that have them are chosen."""
+
+    @property
+    def kind(self) -> MainLensKind:
+        """Main lens that it makes."""
+        return main_lens_kind(self.prescription, turned=False)
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """Plain values; the name of its prescription."""
+        row = super().row
+        for lens in self.kind.prescribed:
+            row["prescription"] = lens.name
+        return row
+
+    def fits(self, lens: MainLensKind) -> bool:
+        """Whether its surfaces are known, where the camera's are."""
+        return lens.replaced_by(self.kind)
+
+    def behind(self, lens: MainLensKind, wavelength: float, *warmth: float) -> dict[str, Any]:
+        """Numbers and, where the camera's main lens has them, surfaces and their own focal length."""
+        return self.numbers | lens.replacement(self.kind, wavelength, *warmth)
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Its surfaces, where they are known, in place of the focal length that they have."""
+        table = super().table
+        for lens in self.kind.prescribed:
+            table = {"prescription": lens, "diameter": table["diameter"]}
+        return table
+
+    @model_validator(mode="after")
+    def _same(self) -> Self:
+        if self.prescription is not None:
+            focal = focal_length_at(self.prescription, self.prescription.wavelength or D_LINE)
+            if not abs(focal / self.focal_length - 1) <= ALIKE:
+                raise ValueError(
+                    f"focal_length is {self.focal_length:g} mm, and its prescription's {focal:.5g} mm; mend one of them"
+                )
+        return self
+
+
+class _ArrayPart(Entry):
+    """A microlens array."""
+
+    gives: ClassVar[Gives] = {
+        "microlens_array.pitch": attrgetter("pitch"),
+        "microlens_array.focal_length": attrgetter("focal"),
+        "microlens_array.size.0": lambda array: array.size[0],
+        "microlens_array.size.1": lambda array: array.size[1],
+        "microlens_array.layout": attrgetter("layout"),
+        "microlens_array.lens_shape": attrgetter("lens_shape"),
+    }
+
+    pitch: Length
+    focal_length: Length
+    """Nominal [mm]."""
+    effective_focal_length: Length | None = None
+    """As measured in use, where that differs from the nominal one; taken instead of it."""
+    size: tuple[Length, Length]
+    layout: Layout = "square"
+    lens_shape: Literal["square", "circular"] = "square"
+    cut: StrictBool = True
+    """Whether it may be cut to the size that a sensor needs."""
+
+    @property
+    def focal(self) -> float:
+        """f_ml [mm]: the effective one where it is known."""
+        return self.effective_focal_length if self.effective_focal_length is not None else self.focal_length
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether it may be cut."""
+        return self.cut
+
+    @property
+    def area(self) -> float:
+        """Area [mm^2]."""
+        return math.prod(self.size)
+
+
+class _SensorPart(Entry):
+    """An image sensor."""
+
+    gives: ClassVar[Gives] = {
+        "sensor.pixel": attrgetter("pixel"),
+        "sensor.size.0": lambda sensor: sensor.size[0],
+        "sensor.size.1": lambda sensor: sensor.size[1],
+    }
+
+    pixel: Length
+    pixels: tuple[int, int]
+    acceptance: Angle | None = None
+    """Angle at which a pixel takes half of the light [rad]; None where nothing is known."""
+    colours: Colours | None = None
+    """Filters on its pixels; None where it is sold with and without."""
+
+    @property
+    def declared(self) -> dict[str, Any]:
+        """Acceptance and colours."""
+        keys = {"sensor.acceptance": self.acceptance, "sensor.colours": self.colours}
+        return {place: value for place, value in keys.items() if value is not None}
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of the pixel field [mm]."""
+        return self.pixels[0] * self.pixel, self.pixels[1] * self.pixel
+
+    @property
+    def area(self) -> float:
+        """Area [mm^2]."""
+        return math.prod(self.size)
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """Plain values, its size among them."""
+        return super().row | {"size": list(self.size)}
+
+    @model_validator(mode="after")
+    def _some(self) -> _SensorPart:
+        if min(self.pixels) < 1:
+            raise ValueError(f"pixels {self.pixels} must be positive")
+        return self
+
+
+class _WindowPart(_Round):
+    """A plane-parallel window."""
+
+    gives: ClassVar[Gives] = {
+        f"{ELEMENT}diameter": attrgetter("aperture"),
+        f"{ELEMENT}thickness": attrgetter("thickness"),
+        f"{ELEMENT}material": attrgetter("material"),
+    }
+
+    thickness: Length
+    material: Material
+
+
+MODELS: Mapping[Kind, type[Entry]] = {
+    "lenses": _LensPart,
+    "microlens_arrays": _ArrayPart,
+    "sensors": _SensorPart,
+    "windows": _WindowPart,
+}
+
+
+class Catalogue(StrictTable):
+    """Parts by kind."""
+
+    lenses: tuple[_LensPart, ...] = ()
+    microlens_arrays: tuple[_ArrayPart, ...] = ()
+    sensors: tuple[_SensorPart, ...] = ()
+    windows: tuple[_WindowPart, ...] = ()
+
+    def of(self, kind: Kind) -> tuple[Entry, ...]:
+        """Parts of one kind."""
+        parts: tuple[Entry, ...] = getattr(self, kind)
+        return parts
+
+    def __add__(self, other: Catalogue) -> Catalogue:
+        return Catalogue(**{kind: (*self.of(kind), *other.of(kind)) for kind in KINDS})
+
+
+def load_catalogue(paths: Iterable[str | os.PathLike[str]] = (), *, shipped: bool = True) -> Catalogue:
+    """Read the shipped catalogue and further files.
+
+    Raises
+    ------
+    InputError
+        Names the file and every fault in it; also where two parts of a kind are called alike.
+    """
+    faults: list[Problem] = []
+    catalogue = Catalogue()
+    own = {path: path.name for path in sorted(SHIPPED.glob("*.toml"))} if shipped else {}
+    for path, label in [*own.items(), *((Path(path), str(path)) for path in paths)]:
+        try:
+            context = {"from_file": True, "folder": path.parent}
+            catalogue += Catalogue.model_validate(read_toml(path, ""), context=context)
+        except (InputError, ValidationError) as error:
+            problems = error.problems if isinstance(error, InputError) else problems_of(error, Catalogue)
+            faults += [Problem("", f"{label}: {fault}") for fault in problems]
+    for kind in KINDS:
+        names = [entry.part for entry in catalogue.of(kind)]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        faults += [Problem(kind, f"two parts are called '{name}'; rename one") for name in twice]
+    if faults:
+        raise InputError(tuple(faults))
+    return catalogue
+
+
+def rows(catalogue: Catalogue, kinds: Iterable[Kind] = KINDS) -> Iterator[dict[str, Any]]:
+    """Every part as plain values, lengths in mm."""
+    for kind in kinds:
+        for entry in catalogue.of(kind):
+            yield {"kind": kind} | entry.row
+
+
+NAMED: Mapping[str, Kind] = {
+    "main_lens": "lenses",
+    "microlens_array": "microlens_arrays",
+    "sensor": "sensors",
+    "elements": "windows",
+}
+"""Table of a design to the kind of part that it may name."""
+GIVEN: Mapping[Kind, tuple[str, ...]] = {
+    "lenses": ("focal_length", "diameter"),
+    "microlens_arrays": ("pitch", "focal_length", "size", "layout", "lens_shape"),
+    "sensors": ("pixel", "size", "acceptance", "colours"),
+    "windows": ("thickness", "material", "diameter"),
+}
+"""Keys that a part gives its table."""
+NEEDED: Mapping[Kind, int] = {"lenses": 2, "microlens_arrays": 3, "sensors": 2, "windows": 2}
+"""How many of them, the first, make a table whole."""
+CLOSE = 0.7
+"""Likeness from which on a name is taken for one misspelt."""
+INSTEAD = {
+    **dict.fromkeys(("prescription", "sheet", "focal_lengths"), "focal_length"),
+    "pixels": "size",
+}
+"""Keys of a design that stand for another."""
+
+
+def with_named_parts(place: str, value: Any, folder: str | Path | None) -> Any:
+    """A table of a design, or its elements, with what the parts give that they name; else as it is.
+
+    Raises
+    ------
+    InputError
+        Every part that is not known, at its place in the table.
+    """
+    tables, several, faults = value if isinstance(value, (list, tuple)) else [value], place == "elements", []
+    filled = list[Any]()
+    for k, table in enumerate(tables):
+        named = isinstance(table, Mapping) and table.get("part") is not None and table.get("kind", "plate") == "plate"
+        try:
+            filled.append(_filled(NAMED[place], table, None if folder is None else Path(folder)) if named else table)
+        except InputError as error:
+            words = str(error) if error.origin else error.problems[0].message
+            faults.append(Problem(f"{k}.part" if several else "part", words))
+    if faults:
+        raise InputError(tuple(faults))
+    return filled if isinstance(value, (list, tuple)) else filled[0]
+
+
+def _filled(kind: Kind, table: Mapping[str, Any], folder: Path | None) -> Mapping[str, Any]:
+    """A table with what the part that it names gives; its own values win, and of a whole one are all that counts.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the part.
+    table : mapping
+        With `part`: a name, or the `file` of a catalogue and the `name` in it.
+    folder : path-like
+        What the path of that file counts from; None where none may be opened.
+
+    Raises
+    ------
+    InputError
+        No such part, at `part`, and too few values of its own.
+    """
+    asked, path = table["part"], SHIPPED / f"{kind}.toml"
+    needed, own = {*GIVEN[kind][: NEEDED[kind]]}, {INSTEAD.get(key, key) for key in table}
+    if isinstance(asked, Mapping) and {*asked} == {"file", "name"} and all(isinstance(v, str) for v in asked.values()):
+        if folder is None:
+            raise _no_part("this text may open no file; write the part's values instead")
+        asked, path = asked["name"], folder / asked["file"]
+    elif not isinstance(asked, str) or own >= needed:
+        return table
+    parts = {str(one.get("part")): one for one in read_toml(path, path.name).get(kind, ())}
+    called = [name for name, one in parts.items() if asked.lower() in (name.lower(), _with_maker(one).lower())]
+    if not called:
+        if path.parent == SHIPPED and own >= needed - {"diameter"}:
+            return table
+        words, listed = kind.replace("_", " "), f"`roslf catalogue --kind {kind}` lists them"
+        where = f'one of your own is part = {{file = "mine.toml", name = "{asked}"}}'
+        near = nearest(asked, [*parts, *map(_with_maker, parts.values())], f"{listed}, and {where}", least=CLOSE)
+        raise _no_part(f"'{asked}' is none of the {words} in {path.name}; {near}")
+    entry = validated(MODELS[kind], parts[called[0]], path.name, folder=path.parent)
+    given = {key: value for key, value in entry.table.items() if INSTEAD.get(key, key) not in own}
+    return {**given, **table, "part": entry.part}
+
+
+def _with_maker(part: Mapping[str, Any]) -> str:
+    return f"{part.get('maker', '')} {part.get('part', '')}".strip()
+
+
+def _no_part(message: str) -> InputError:
+    return InputError((Problem("part", message),))

@@ -1,0 +1,128 @@
+"""Designs that name parts of the catalogue: what the parts give, what stands beside them, what is shown and written."""
+
+import pytest
+
+import roslf_design as roslf
+from roslf_design.catalogue import load_catalogue
+from roslf_design.reporting.design.parts_list import named_parts, parts_section
+
+SCOPE = """
+name = "named"
+[main_lens]
+part = "AC050-008-A"
+focal_plane = "40 mm"
+[aperture]
+diameter = "2.2 mm"
+distance = "2 mm"
+[[elements]]
+kind = "plate"
+distance = "3 mm"
+part = "sapphire 3 x 0.5 mm"
+[microlens_array]
+part = "18-00079"
+[sensor]
+part = "Sony imx250"
+distance = "90 um"
+"""
+NAMES = {"main_lens": "AC050-008-A", "microlens_array": "18-00079", "sensor": "IMX250"}
+
+
+def told(text):
+    with pytest.raises(roslf.InputError) as error:
+        roslf.loads(text)
+    return str(error.value).splitlines()
+
+
+def test_named_parts_are_the_values_that_the_catalogue_has():
+    """The same camera with every number typed off is the same but for the names."""
+    design, known = roslf.loads(SCOPE), load_catalogue()
+    array = next(part for part in known.microlens_arrays if part.part == "18-00079")
+    mla, sensor, (window,) = design.microlens_array, design.sensor, design.elements
+    assert (mla.pitch, mla.focal_length, mla.size, mla.layout) == (array.pitch, array.focal, array.size, array.layout)
+    assert (sensor.pixel, design.pixels) == (3.45e-3, (2448, 2048))
+    assert (window.thickness, window.material.name, window.diameter) == (0.5, "sapphire", 2.7)
+    assert design.lens.name == "AC050-008-A"
+    assert {place: getattr(design, place).part for place in NAMES} == NAMES
+    typed = design.replace(dict.fromkeys((*(f"{place}.part" for place in NAMES), "elements.0.part")))
+    assert typed != design
+    assert typed.replace({**{f"{place}.part": name for place, name in NAMES.items()}}).elements == typed.elements
+    assert roslf.evaluate(typed).answer == roslf.evaluate(design).answer
+
+
+def test_what_is_written_is_whole_and_keeps_the_names():
+    design = roslf.loads(SCOPE)
+    text = roslf.dumps(design)
+    assert roslf.loads(text) == design
+    # Without their values, the names give them again.
+    assert roslf.loads(text.replace('pixel = "3.45 um"\n', "").replace('pitch = "30 um"\n', "")) == design
+
+
+def test_own_values_beside_a_name_win():
+    cropped = roslf.loads(SCOPE.replace('part = "Sony imx250"', 'part = "IMX250"\npixels = [1000, 800]'))
+    assert cropped.pixels == (1000, 800)
+    assert dict(named_parts(cropped))["sensor"] == "Sony IMX250, 1000 x 800 of its 2448 x 2048 px read"
+    thin = roslf.loads(SCOPE.replace('part = "AC050-008-A"', 'part = "AC050-008-A"\nfocal_length = "7.5 mm"'))
+    assert (thin.lens, thin.f, thin.D) == (None, 7.5, 4.5)
+    other = roslf.loads(SCOPE.replace('part = "18-00079"', 'part = "18-00079"\npitch = "40 um"'))
+    words = dict(named_parts(other))["microlens array"]
+    assert words.endswith("18-00079 is named, but has pitch 30 um")
+    assert words in [row[-1] for row in parts_section(other).blocks[0].rows]
+
+
+def test_a_name_that_is_none_is_told_with_the_nearest_and_all_at_once():
+    lines = told(SCOPE.replace("imx250", "imx25O").replace("sapphire 3", "safire 3").replace("18-00079", "my array"))
+    assert len(lines) == 3
+    assert lines[0].startswith("elements.0.part: 'safire 3 x 0.5 mm' is none of the windows")
+    assert "did you mean 'sapphire 3 x 0.5 mm'?" in lines[0]
+    assert "`roslf catalogue --kind microlens_arrays` lists them" in lines[1]
+    assert "sensor.part: 'Sony imx25O' is none of the sensors" in lines[2]
+    assert "'Sony IMX250'" in lines[2]
+    assert any(line.startswith("sensor.part: must be text") for line in told(SCOPE.replace('"Sony imx250"', "3")))
+
+
+def test_a_table_that_is_whole_may_have_any_name():
+    own = SCOPE.replace('part = "Sony imx250"', 'part = "lot 7"\npixel = "2 um"\npixels = [900, 700]')
+    design = roslf.loads(own)
+    assert dict(named_parts(design))["sensor"] == "lot 7, not in the catalogue"
+    assert roslf.loads(roslf.dumps(design)) == design
+
+
+def test_parts_of_a_file_of_ones_own(tmp_path):
+    (tmp_path / "mine.toml").write_text(
+        '[[sensors]]\npart = "quote 7"\npixel = "2 um"\npixels = [900, 700]\nprovenance = "x"\nconfidence = "typical"\n'
+    )
+    text = SCOPE.replace('part = "Sony imx250"', 'part = {file = "mine.toml", name = "quote 7"}')
+    (tmp_path / "scope.toml").write_text(text)
+    design = roslf.load(tmp_path / "scope.toml")
+    assert (design.pixels, design.sensor.part) == ((900, 700), "quote 7")
+    assert roslf.loads(roslf.dumps(design)) == design  # without that file
+    with pytest.raises(roslf.InputError, match="may open no file"):
+        roslf.loads(text, folder=None)
+    with pytest.raises(roslf.InputError, match=r"sensor\.part: gone\.toml: .*check the path"):
+        roslf.loads(text.replace("mine.toml", "gone.toml"), folder=tmp_path)
+
+
+def test_a_change_of_name_changes_the_part_and_a_change_of_focus_keeps_it():
+    design = roslf.loads(SCOPE)
+    assert design.replace({"sensor.part": "IMX226"}).pixels == (4000, 3000)
+    assert design.replace({"sensor.part": "IMX226", "sensor.size": (3.7, 1.85)}).pixels == (2000, 1000)
+    assert design.replace(d_f=50.0).main_lens.part == "AC050-008-A"
+    singlet = design.replace({"main_lens.part": "singlet 25.4 mm f35", "d_f": 80.0})
+    assert (singlet.lens, singlet.f, singlet.d_f) == (None, 35.0, 80.0)
+    other = singlet.replace(d_f=80.0, d_1=90.0)  # which asks for another focal length
+    assert other.main_lens.part is None
+    assert roslf.loads(roslf.dumps(other)) == other
+
+
+def test_the_catalogue_prints_what_to_paste(capsys, tmp_path):
+    from roslf_design.commands.catalogue import catalogue
+
+    catalogue(kind=["sensors"], where=["part=IMX250"])
+    assert '[sensor]\npart = "IMX250"  # gives pixel, size\n' in capsys.readouterr().out
+    mine = tmp_path / "mine.toml"
+    mine.write_text(
+        '[[windows]]\npart = "w"\ndiameter = "3 mm"\nthickness = "1 mm"\nmaterial = "sapphire"\nprovenance = "x"\n'
+        'confidence = "typical"\n'
+    )
+    catalogue(kind=["windows"], where=["part=w"], file=[mine])
+    assert 'kind = "plate"\npart = {file = "mine.toml", name = "w"}' in capsys.readouterr().out
