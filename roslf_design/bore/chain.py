@@ -22,7 +22,7 @@ from .._arrays import ratio
 from ..lenses.angles import F_TAN, AngleMap
 from .conjugates import CONJUGATES, followed
 from .elements import AnyElement, element_name
-from .fold import Reflection, fold_of
+from .fold import Fold, fold_of
 from .lens_sheet import LensSheet
 from .part import Number, PartNumbers, minus, plus, times
 
@@ -249,9 +249,9 @@ class Chain:
         return tuple(part for _, part in self._outwards if part.turn or part.reverses)
 
     @cached_property
-    def reflections(self) -> tuple[Reflection, ...]:
-        """Mirrors at which drawings are folded, from the main lens outwards."""
-        return tuple(Reflection.of(part) for part in self.folding if part.folds)
+    def folds(self) -> tuple[Fold, ...]:
+        """Mirrors and prisms at which drawings are folded, from the main lens outwards."""
+        return tuple(Fold.of(part) for part in self.folding if part.turn)
 
     @property
     def leans(self) -> bool:

@@ -67,8 +67,6 @@ class Element(OpticalPart):
     """Direction into which it turns the view, across the axis from x towards y [rad]."""
     bounces: ClassVar[int] = 0
     """How often light is reflected in it."""
-    folds: ClassVar[bool] = False
-    """Whether what stands before it is drawn folded in 3D; else the axis goes straight on."""
     leans: ClassVar[bool] = False
     """Whether its clear aperture leans where it stands straight."""
     signed: ClassVar[tuple[str, ...]] = ()

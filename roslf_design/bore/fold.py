@@ -33,45 +33,67 @@ def fold_of(turn: float, towards: float, reverses: bool) -> Floats:
     return np.asarray(roll @ own @ roll.T)
 
 
-class Reflection(NamedTuple):
-    """A flat mirror where it should be, in unfolded space."""
+class Fold(NamedTuple):
+    """A place where the axis turns, in unfolded space: a mirror where it should be, or the middle of a prism."""
 
     distance: float
     """Where the axis meets it before the main lens [mm]."""
-    normal: Floats
-    """On the sensor's side, (3,)."""
+    turn: Floats
+    """Directions beyond it by those of the axis gone straight on, (3, 3)."""
+    parts: Floats
+    """Normal of the plane that parts both sides, on the sensor's, (3,)."""
+    joints: tuple[Floats, Floats]
+    """Normals of the planes in which a tube ends on the sensor's and on the scene's side, each of unfolded space."""
 
     @classmethod
-    def of(cls, part: Element) -> Reflection:
-        """Mirror that an element is."""
-        across = math.cos(part.turn / 2)
-        way = across * math.cos(part.towards), across * math.sin(part.towards), math.sin(part.turn / 2)
-        return cls(part.distance, np.array(way))
+    def of(cls, part: Element) -> Fold:
+        """Fold that an element makes; of an even number of reflections, or none that is told, as if the axis bent."""
+        turn, middle = fold_of(part.turn, part.towards, part.reverses), part.distance + part.length / 2
+        if part.reverses:
+            across = math.cos(part.turn / 2)
+            mirror = np.array(
+                [across * math.cos(part.towards), across * math.sin(part.towards), math.sin(part.turn / 2)]
+            )
+            return cls(middle, turn, mirror, (mirror, mirror))
+        ahead = np.array([0.0, 0.0, 1.0])
+        joint = (ahead + turn[:, 2]) / np.linalg.norm(ahead + turn[:, 2])
+        return cls(middle, turn, ahead, (joint, turn.T @ joint))
 
     def height(self, points: Floats) -> Floats:
-        """Heights of points above it, below 0 beyond it [mm]."""
-        return np.asarray((points + np.array([0.0, 0.0, self.distance])) @ self.normal)
+        """Heights of points above the plane that parts its sides, below 0 beyond it [mm]."""
+        return np.asarray((points + np.array([0.0, 0.0, self.distance])) @ self.parts)
+
+    def turned(self, points: Floats) -> Floats:
+        """Points beyond it from unfolded space to where they really are."""
+        at = np.array([0.0, 0.0, -self.distance])
+        return np.asarray(at + (points - at) @ self.turn.T)
 
 
-def folded(reflections: Sequence[Reflection], points: Floats) -> Floats:
+def folded(folds: Sequence[Fold], points: Floats) -> Floats:
     """Points of one part, or of none, from unfolded space to where they really are: as their middle is, all are."""
     distance, real = -float(points[:, 2].mean()), points
-    for mirror in reversed(reflections):
-        if distance > mirror.distance * (1 + 1e-12):
-            real = real - 2 * mirror.height(real)[:, None] * mirror.normal
+    for fold in reversed(folds):
+        if distance > fold.distance * (1 + 1e-12):
+            real = fold.turned(real)
     return real
 
 
-def folded_line(reflections: Sequence[Reflection], line: Floats) -> Floats:
-    """A polyline likewise, (N, 3), with a corner at each mirror that it goes through."""
-    for mirror in reflections:
-        height = mirror.height(line)
+def folded_line(folds: Sequence[Fold], line: Floats) -> Floats:
+    """A polyline likewise, (N, 3); at each fold that it goes through it ends in one joint and goes on in the other."""
+    sides: list[NDArray[np.bool_]] = []
+    for fold in folds:
+        height = fold.height(line)
         cut = np.flatnonzero(height[1:] * height[:-1] < 0)
-        share = (height[cut] / (height[cut] - height[cut + 1]))[:, None]
-        line = np.insert(line, cut + 1, line[cut] + share * (line[cut + 1] - line[cut]), axis=0)
-    real, beyond = line, [mirror.height(line) < -1e-9 for mirror in reflections]
-    for mirror, away in zip(reversed(reflections), reversed(beyond), strict=True):
-        real = np.where(away[:, None], real - 2 * mirror.height(real)[:, None] * mirror.normal, real)
+        way, apart = line[cut + 1] - line[cut], line[cut] + np.array([0.0, 0.0, fold.distance])
+        near, far = (line[cut] - way * ((apart @ joint) / (way @ joint))[:, None] for joint in fold.joints)
+        back, at = height[cut] < 0, np.repeat(cut + 1, 2)  # whether it comes from beyond
+        met = np.stack([np.where(back[:, None], far, near), np.where(back[:, None], near, far)], axis=1)
+        line = np.insert(line, at, met.reshape(-1, 3), axis=0)
+        sides = [np.insert(side, at, np.repeat(side[cut], 2)) for side in sides]
+        sides.append(np.insert(height < -1e-9, at, np.stack([back, ~back], axis=1).ravel()))
+    real = line
+    for fold, beyond in zip(reversed(folds), reversed(sides), strict=True):
+        real = np.where(beyond[:, None], fold.turned(real), real)
     return np.asarray(real)
 
 
@@ -105,7 +127,7 @@ def outlines_of(parts: Iterable[Element]) -> list[PartOutline]:
     """Elements of known height."""
     return [
         PartOutline(
-            f"elements.{k}", part.distance, part.distance + part.length, half, part.turn / 2 if part.folds else None
+            f"elements.{k}", part.distance, part.distance + part.length, half, part.turn / 2 if part.leans else None
         )
         for k, part in enumerate(parts)
         if (half := part.half_height) is not None

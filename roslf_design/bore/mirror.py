@@ -44,7 +44,6 @@ class Mirror(Element):
     signed: ClassVar = ("piston",)
     sealable: ClassVar = False
     bounces: ClassVar = 1
-    folds: ClassVar = True
 
     @field_validator("angle", mode="after")
     @classmethod

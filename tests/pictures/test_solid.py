@@ -215,13 +215,16 @@ def test_the_library_refers_to_no_other_place():
 
 def test_elements_stand_in_the_scene_where_a_ruler_puts_them():
     design = designs.THROUGH["prism and cover"]
-    parts = {part.name: part for part in instrument_scene(design).parts}
-    assert "prism 1, unfolded: turns by 29.8°" in [name.text for name in instrument_scene(design).names]
+    straight, bent = (instrument_scene(design, fold) for fold in (False, True))
+    parts = {part.name: part for part in straight.parts}
+    assert "prism 1, unfolded: turns by 29.8°" in [name.text for name in straight.names]
+    assert "prism 1, turns by 29.8°" in [name.text for name in bent.names]
     prism = parts["prism 1"].points
     assert (prism[:, 2].min(), prism[:, 2].max()) == pytest.approx((-80.0, -20.0))
     assert np.hypot(*prism[:, :2].T).max() == pytest.approx(20.0)
     assert np.abs(parts["lens 2"].points[:, 0].mean() - 0.6) < 1e-9
     end = design.d_1 + design.d_2
+    parts = {part.name: part for part in bent.parts}
     assert sorted({round(z, 9) for z in parts["cover"].points[:, 2]}) == pytest.approx([end - 0.4, end])
     assert sorted({round(z, 9) for z in parts["substrate"].points[:, 2]}) == pytest.approx(
         [design.d_1, design.d_1 + 1.2]
@@ -231,3 +234,43 @@ def test_elements_stand_in_the_scene_where_a_ruler_puts_them():
     before, after = (scene(design).meshes for design in (design.replace({"elements": ()}), design))
     assert {"prism 1", "lens 2", "prescription 3"} <= changed(before, after).keys()
     assert changed(after, before)["prism 1"] is None
+
+
+SIDE = {"kind": "prism", "distance": 20.0, "thickness": 30.0, "material": "N-BK7", "diameter": 30.0}
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 0.7, -2.0])
+def test_a_right_angle_prism_is_drawn_as_its_two_legs_and_folds_what_stands_before_it(azimuth):
+    """By hand: a leg towards the lens at z = -20, the other one 15 mm aside of the axis at z = -35."""
+    prism = SIDE | {"deviation": math.pi / 2, "azimuth": azimuth, "reflections": 1}
+    window = {"kind": "plate", "distance": 55.0, "thickness": 2.0, "material": "N-BK7", "diameter": 30.0}
+    design = PAPER.replace({"elements": [prism, window]})
+    parts = {part.name: part for part in instrument_scene(design).parts}
+    aside = np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
+    corners = np.concatenate([parts[name].points for name in ("prism 1", "prism 1, beyond its fold")])
+    u, z = corners @ aside, corners[:, 2]
+    # The triangle of the axis's plane, of both halves.
+    assert (u.min(), u.max(), z.min(), z.max()) == pytest.approx((-15.0, 15.0, -50.0, -20.0))
+    assert ((u + z) >= -35.0 - 1e-9).all()
+    u = parts["plate 2"].points @ aside
+    assert (u.min(), u.max()) == pytest.approx((20.0, 22.0))  # 5 mm before the leg
+    assert parts["plate 2"].points[:, 2].mean() == pytest.approx(-35.0)
+    ends = [parts["rays centre"].points[cell[0]] for cell in cells(parts["rays centre"].cells)]
+    assert min(point @ aside for point in ends) > 22.0  # light comes from aside
+
+
+def test_a_prism_that_bends_the_axis_keeps_rays_and_tube_whole():
+    """Both halves' tubes end in one ellipse, the plane between both directions; the middle ray turns on the axis."""
+    turn = math.radians(30)
+    design = PAPER.replace({"elements": [SIDE | {"deviation": turn}]})
+    parts = {part.name: part for part in instrument_scene(design).parts}
+    near, far = parts["tube"].points[:AROUND], parts["tube 2"].points[AROUND:]
+    np.testing.assert_allclose(near, far, atol=1e-9)
+    np.testing.assert_allclose(
+        (near + np.array([0, 0, 35.0])) @ [-math.sin(turn / 2), 0.0, math.cos(turn / 2)], 0, atol=1e-9
+    )
+    middle = parts["rays centre"].points[cells(parts["rays centre"].cells)[0]]
+    axis = np.array([-math.sin(turn), 0.0, math.cos(turn)])
+    beyond = middle[middle[:, 2] < -35.0 - 1e-6] + np.array([0, 0, 35.0])
+    assert len(beyond) > 1
+    np.testing.assert_allclose(np.cross(beyond, axis), 0, atol=1e-9)

@@ -243,9 +243,11 @@ def _picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     scene = instrument_scene(design)
     blocked = any(part.colour == "vermillion" for part in scene.parts)
     ends = "Orange rays end at what blocks them. " if blocked else ""
+    turning = any(part.length for part in Camera.of(design).chain.folding if part.turn)
+    bent = "A prism is drawn as turning light in the middle of its way. " if turning else ""
     caption = (
         "Pencils of the centre, the edge and a corner of the sensor, cut off in front of the bore; the grey plate is "
-        f"the FAP, the blue disc the main lens. {ends}The tube wall is drawn for "
+        f"the FAP, the blue disc the main lens. {ends}{bent}The tube wall is drawn for "
         f"orientation and is not part of the design.{lens_words(design.main_lens.kind).twin}"
     )
     sheet = Figure.of("view", "The instrument in three dimensions", caption, outlines(scene))

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._arrays import Array
-from ...bore.fold import Reflection, folded, folded_line
+from ...bore.elements import AnyElement
+from ...bore.fold import Fold, folded, folded_line
 from ...camera import Camera
 from ...camera.frames import Frame, frame
 from ...design import Design
-from ...drawing.solid import AROUND, Body, BrowserScene, Instrument, Name, bands, browser_scene, view_of
+from ...drawing.solid import AROUND, Body, BrowserScene, Instrument, Name, bands, browser_scene, outline, view_of
 from ...drawing.theme import FIELDS, ThemeName, stop_colour
 from ...evaluation import default_fields
 from ...lenses.glass import AIR
@@ -30,14 +31,15 @@ RAYS = ("rays centre", "rays edge", "rays corner", "rays blocked")
 def instrument_scene(design: Design, fold: bool = True) -> Instrument:
     """The instrument from in front of the outermost stop to the sensor; the object plane lies beyond the left edge.
 
-    With `fold` it is drawn as mirrors fold it, else along the unfolded axis; prisms are always drawn unfolded.
+    With `fold` it is drawn as mirrors and prisms fold it, else along the unfolded axis. A prism turns light in the
+    middle of its way: at a mirror there, or, of an even number of reflections, as if the axis bent.
     """
     design = design.with_own_stop
     end = design.d_1 + design.d_2
     camera = Camera.of(design)
     front = float(camera.tip)
     start = -min(front + 0.22 * (front + end), design.d_f)
-    mirrors = camera.chain.reflections if fold else ()
+    folds = camera.chain.folds if fold else ()
     rays = _pencils(design, start)
     inside = [np.concatenate(courses) for _, courses, _ in rays]
     reach = [float(np.hypot(*points[points[:, 2] >= -front, :2].T).max(initial=0.0)) for points in inside]
@@ -51,40 +53,44 @@ def instrument_scene(design: Design, fold: bool = True) -> Instrument:
     tops += [(name_of_drawn(at, fold), -(at.near + at.far) / 2, wall) for at in design.in_bore]
     tops += [("main lens", 0.0, wall), ("MLA and sensor", end, wall)]
     tops.append((f"light comes from the object plane, {design.d_f:.4g} mm in front of the lens", start, 0.0))
-    named = [(text, folded(mirrors, np.array([[0.0, y, z]]))[0]) for text, z, y in sorted(tops, key=lambda top: top[1])]
-    parts = [*_elements(design, camera, wall), *_glass(design, camera, wall)]
+    named = [(text, folded(folds, np.array([[0.0, y, z]]))[0]) for text, z, y in sorted(tops, key=lambda top: top[1])]
+    parts = [*_elements(design, camera, wall), *_glass(design, camera, wall, fold)]
     if not in_air:
         parts.append(Body("medium", "round", before, bands(2), "sky", 0.12))
-    drawn = [part._replace(points=folded(mirrors, part.points)) for part in parts]
-    tube = _tube(mirrors, wall, -front, end)
-    lines = [_lines(name, [folded_line(mirrors, course) for course in courses], *look) for name, courses, look in rays]
-    view = view_of(np.concatenate([*(part.points for part in tube), folded(mirrors, before)]))
+    drawn = [part._replace(points=folded(folds, part.points)) for part in parts]
+    tube = _tube(folds, wall, -front, end)
+    lines = [_lines(name, [folded_line(folds, course) for course in courses], *look) for name, courses, look in rays]
+    view = view_of(np.concatenate([*(part.points for part in tube), folded(folds, before)]))
     return Instrument((*lines, *drawn, *tube), view, tuple(Name(text, tuple(at.tolist())) for text, at in named))
 
 
-def _tube(mirrors: Sequence[Reflection], wall: float, front: float, end: float) -> list[Body]:
+def _tube(folds: Sequence[Fold], wall: float, front: float, end: float) -> list[Body]:
     """The tube, mitred where the axis is folded."""
     joints = [turned([(wall, end)])]
-    for mirror in mirrors:
-        joint = turned([(wall, -mirror.distance)])
-        joint[:, 2] -= joint[:, :2] @ mirror.normal[:2] / mirror.normal[2]
-        joints.append(np.clip(joint, [-np.inf, -np.inf, front], [np.inf, np.inf, end]))
+    for fold in folds:
+        for normal in fold.joints:
+            joint = turned([(wall, -fold.distance)])
+            joint[:, 2] -= joint[:, :2] @ normal[:2] / normal[2]
+            joints.append(np.clip(joint, [-np.inf, -np.inf, front], [np.inf, np.inf, end]))
     joints.append(turned([(wall, front)]))
     tubes = []
-    for k, (nearer, farther) in enumerate(itertools.pairwise(joints)):
+    for k, (nearer, farther) in enumerate(zip(joints[::2], joints[1::2], strict=True)):
         points = np.append(farther, nearer, axis=0)
-        for mirror in reversed(mirrors[:k]):
-            points = points - 2 * mirror.height(points)[:, None] * mirror.normal
+        for fold in reversed(folds[:k]):
+            points = fold.turned(points)
         tubes.append(Body("tube" if k == 0 else f"tube {k + 1}", "round", points, bands(2), "grey", 0.10))
-    ends = [folded(mirrors, _circle(wall, z)) for z in (front, end)]
+    ends = [folded(folds, _circle(wall, z)) for z in (front, end)]
     return [*tubes, _lines("tube ends", ends, "grey", 1.5)]
 
 
-def _glass(design: Design, camera: Camera, wall: float) -> list[Body]:
-    """Elements before the main lens as bodies of revolution, and the plates about the array."""
+def _glass(design: Design, camera: Camera, wall: float, fold: bool) -> list[Body]:
+    """Elements before the main lens as bodies of revolution, prisms that fold as blocks, the plates about the array."""
     parts: list[Body] = []
     for k, (_, called, element, _, _) in enumerate(design.in_bore):
         radius, pose = element.half_height or wall, _pose(camera, k)
+        if fold and element.turn and element.length:
+            parts += _prism(called, element, radius, pose)
+            continue
         for piece, faces in enumerate(element.body(radius, 0.18 * radius)):
             # Upper halves of both faces, from the axis out on the left one and back on the right one.
             (left, right) = (face[len(face) // 2 :] for face in faces)
@@ -98,6 +104,27 @@ def _glass(design: Design, camera: Camera, wall: float) -> list[Body]:
         ends = -plate.far - float(pose.origin[2]), -plate.near - float(pose.origin[2])
         parts.append(_slab(plate.name, pose, sizes[plate.held_by], ends))
     return parts
+
+
+def _prism(name: str, element: AnyElement, radius: float, pose: Frame) -> list[Body]:
+    """Both parts of a square block that a fold cuts in its middle, in unfolded space."""
+    half, cut = element.length / 2, Fold.of(element)
+    ahead = np.array([math.cos(element.towards), math.sin(element.towards), 0.0])
+    axes = np.array([ahead, np.cross([0.0, 0.0, 1.0], ahead), [0.0, 0.0, 1.0]])
+    halves = []
+    for side, normal in zip((1, -1), cut.joints, strict=True):
+        u, z = side * float(normal @ ahead), side * float(normal[2])
+        corners = np.array([(-radius, -half), (radius, -half), (radius, half), (-radius, half)])
+        way = np.array([z, -u]) * min(radius / max(abs(z), 1e-12), half / max(abs(u), 1e-12))
+        face = outline(np.concatenate([corners[corners @ [u, z] > 0], [way, -way]]))
+        count = len(face)
+        flat = np.concatenate([np.insert(face, 1, y, axis=1) for y in (-radius, radius)])
+        points = (flat - [0.0, 0.0, half]) @ axes @ np.array([pose.x, pose.y, pose.z]) + np.asarray(pose.origin)
+        sides = [[4, k, (k + 1) % count, count + (k + 1) % count, count + k] for k in range(count)]
+        cells = [[count, *range(count)], [count, *range(count, 2 * count)], *sides]
+        called = name if side > 0 else f"{name}, beyond its fold"
+        halves.append(Body(called, "plate", points, np.concatenate([np.array(cell) for cell in cells]), "sky", 0.25))
+    return halves
 
 
 def _pose(camera: Camera, k: int) -> Frame:

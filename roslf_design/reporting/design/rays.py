@@ -141,7 +141,7 @@ def meridional(
     if blocked:
         cross = Dots((0.0,), (0.0,), "vermillion", "x", 3.5, width=1.5)
         lost = any(fan.kept.sum() < np.sum(np.abs(np.linspace(-FILL, FILL, RAYS)) <= 1) for fan in drawn)
-        words = "blocked, and where" if lost else "blocked by the FAP alone, beyond its rim"
+        words = "blocked, and where" if lost else "beyond the FAP's rim: blocked, and where"
         keys.append(line_key(words, "vermillion", 0.8, "4 3", cross))
     if medium := _medium_label(thin):
         keys.append(box_key(f"medium: {medium}", *MEDIUM))
@@ -327,7 +327,7 @@ def _pupil_name(design: Design) -> str:
 
 def name_of_drawn(at: Placed[AnyElement], fold: bool = False) -> str:
     """Name of an element in a picture; of one that turns the axis by how much, and whether it is drawn unfolded."""
-    drawn = "" if fold and at.part.folds else "unfolded: "
+    drawn = "" if fold else "unfolded: "
     return at.name + (f", {drawn}turns by {math.degrees(at.part.turn):.3g}°" if at.part.turn else "")
 
 
