@@ -21,12 +21,23 @@ from ..design.required import Required
 from ..errors import InputError, Problem
 from ..lenses.glass import ROOM
 from ..theory import tube
-from ..theory.depth_budget import BUILT, CALIBRATED, COVERAGE, DepthBudget, depth_budget
+from ..theory.depth_budget import (
+    BUILT,
+    CALIBRATED,
+    COVERAGE,
+    MISMATCH,
+    NOISE,
+    OVERLAP,
+    WARMTH,
+    DepthBudget,
+    depth_budget,
+)
 from ..theory.focused import has_views
 from ..theory.length_covariance import LengthCovariance
 from ..theory.limits import as_design, limits
 from ..theory.quantities import NO_LENS_MOVES, quantity_named
-from ..words import number, uncertainty
+from ..theory.quantity import FEASIBLE, Quantity
+from ..words import length, number, on_side, the, uncertainty
 from .groups import Verdict
 from .remedies import reaching
 from .specification import FieldImages
@@ -38,6 +49,13 @@ KNOW_BETTER = {
     CALIBRATED: "`roslf calibrate --plan` names the change of boards or of what is known before that helps most",
 }
 """Remedies of a depth that lengths spoil, by the term, as no optimum of nominal lengths mends them."""
+MENDED_BY = {
+    NOISE: "more light or a longer exposure, a wider FAP, more microlenses matched (depth.window) lessen it",
+    MISMATCH: "a wider FAP lessens it, and a measured depth.view_mismatch may be smaller than the one assumed",
+    OVERLAP: "images that do not overlap end it (the verdict on the f-number match says how)",
+    WARMTH: "a housing that expands less, a narrower environment.range, or calibrated_at where it is used lessen it",
+}
+"""Remedies of a depth that is missed by the nominal camera, by its largest term."""
 AS_BUILT = (
     "lengths as built are not in it: the report (`roslf report`) and the data sheet of a tolerance study (`roslf "
     "datasheet`) tell it with them"
@@ -45,6 +63,8 @@ AS_BUILT = (
 """Remedy of a depth that is held by the lengths as drawn alone."""
 
 
+FLAT = 179.0
+"""Full angle of the widest field that a flat sensor sees [degrees]."""
 STEPS = ("nm", "um", "mm", "m")
 """Units of length, each a thousand times the one before."""
 
@@ -173,7 +193,8 @@ def requirements(
             if quantity.within(low, high, cold):
                 counts += f"; by warmth alone: {number(cold, 4)} mm at {ROOM:g} °C is within"
         only = remedy = ""
-        fold = float(quantity_named("fold_lp_per_mm")(camera, at)) if quantity.name.startswith("mtf") else math.inf
+        of_detail = quantity.name.startswith(("mtf", "fold_lp"))
+        fold = float(quantity_named("fold_lp_per_mm")(camera, at)) if of_detail else math.inf
         if value > fold:
             counts = f"of contrast; detail above {number(fold, 4)} {quantity.unit} aliases"
         if met and depth and budget(at).as_drawn:
@@ -193,8 +214,13 @@ def requirements(
             remedy = f"{alone}; {WAYS}" if alone else ""
         elif met and quantity.name == "working_distance_mm" and low is not None and high is not None:
             only, remedy = _of_the_focal_plane(camera, low, high)
+        if met and at is not None and quantity.of_views and (blurred := _blurred(camera, at)):
+            only = ", ".join(filter(None, (only, "where single views blur")))
+            remedy = "; ".join(filter(None, (remedy, blurred)))
         if not met and not undefined:
-            remedy = "; ".join(filter(None, (_slip_of_unit(asked, low, high, value, quantity.unit), remedy)))
+            slip = _slip_of_unit(asked, low, high, value, quantity.unit)
+            culprit = _culprit(quantity, camera, value if quantity.unit == "deg" else fold, low)
+            remedy = "; ".join(filter(None, (slip, culprit, remedy or WAYS * bool(slip or culprit))))
         twin = None if value == closed or not lens.mounted or math.isnan(closed) else closed
         if twin is not None:
             of_twin = f"of rays; of the thin-lens model {number(twin, 4)} {quantity.unit}"
@@ -242,6 +268,8 @@ def _slip_of_unit(asked: Required, low: float | None, high: float | None, value:
 def _of_depth(budget: DepthBudget, most: float) -> str:
     """Remedy of a depth that is missed, by what adds most to it."""
     largest = budget.largest
+    if largest.name in MENDED_BY:
+        return f"mostly {largest.name}: {MENDED_BY[largest.name]}; {WAYS}"
     if largest.name not in KNOW_BETTER:
         return WAYS
     others = replace(budget, terms=tuple(term for term in budget.terms if term is not largest))
@@ -251,6 +279,22 @@ def _of_depth(budget: DepthBudget, most: float) -> str:
     if largest.name == BUILT and CALIBRATED in [term.name for term in others.terms]:
         way = "the calibration does not see them, tighter tolerances hold them"
     return f"mostly {largest.name}, which `roslf optimize` does not count: {way}{still}"
+
+
+def _culprit(quantity: Quantity, camera: Camera, have: float, low: float | None) -> str:
+    """Remedy of a missed limit by what it hangs on, where that is known; `have` is an angle, or the detail sampled."""
+    if quantity.name == "outer_diameter_mm":
+        widest = max(tube.housed(camera), key=lambda part: float(part.needs(camera)))
+        return f"the widest is {the(widest.name)}, {widest.sizes(camera)}"
+    if low is None or not 0 < have < low:
+        return ""
+    if quantity.name.startswith("field_of_view") and low < FLAT:
+        wider = math.tan(math.radians(low / 2)) / math.tan(math.radians(have / 2))
+        return f"about a sensor {on_side(wider, True, 3)} times as wide sees that, or a main lens so many times shorter"
+    if quantity.name.startswith(("mtf", "fold_lp")):
+        pitch = on_side(1e3 * float(camera.d) * have / low, False, 3)
+        return f"microlenses of {pitch} um, not {length(float(camera.d))}, sample {low:g} lp/mm there"
+    return ""
 
 
 def _of_the_focal_plane(camera: Camera, low: float, high: float) -> tuple[str, str]:
@@ -263,6 +307,16 @@ def _of_the_focal_plane(camera: Camera, low: float, high: float) -> tuple[str, s
     )
     sharp = f"single views are sharp from {number(near, 3)} to {number(far, 3)} mm"
     return "by the focal plane alone", f"{sharp}; a range that is to be sharp is required by {asked}"
+
+
+def _blurred(camera: Camera, at: float) -> str:
+    """Remedy of a distance at which single views are not sharp; empty where they are."""
+    near, far = (float(quantity_named(f"view_depth_of_field_{end}_mm")(camera)) for end in ("near", "far"))
+    if not has_views(camera) or near * (1 - FEASIBLE) <= at <= far * (1 + FEASIBLE):
+        return ""
+    focus = number(float(quantity_named("working_distance_mm")(camera)), 4)
+    sharp = f"single views are sharp from {number(near, 3)} to {number(far, 3)} mm"
+    return f"focused at {focus} mm, {sharp}: focus closer to it"
 
 
 def required_distances(design: Design, far: float) -> tuple[float, ...]:

@@ -7,7 +7,7 @@ from contextlib import suppress
 from itertools import pairwise, product
 from typing import Any, Literal
 
-from ..catalogue.entries import ELEMENT, LENS_PRESCRIPTION, MODELS, Kind, Option
+from ..catalogue.entries import ELEMENT, KINDS, LENS_PRESCRIPTION, MODELS, Kind, Option
 from ..lenses.glass import catalogue as glass_catalogue
 from ..lenses.glass import find_glass
 from ..lenses.prescription import LensError, Prescription
@@ -67,7 +67,7 @@ def glass_choices(lens: Prescription, names: Iterable[str], wavelength: float) -
 
 def given_by(kinds: Iterable[Choice], element: int | None) -> frozenset[str]:
     """Places of a design that parts of some kinds give together, windows to one of its elements."""
-    return frozenset(placed(place, element) for kind in kinds if kind in MODELS for place in MODELS[kind].gives)
+    return frozenset(placed(place, element) for kind in kinds if kind in KINDS for place in MODELS[kind].gives)
 
 
 def placed(place: str, element: int | None) -> str:
