@@ -145,8 +145,8 @@ class Design(Assembly):
             _put(data, path, value)
         return build(data, from_file=False)
 
-    def unchecked(self, changes: Mapping[str, float]) -> Design:
-        """Design with numbers that may make none, for a file that says so when it is read; places that it has."""
+    def unchecked(self, changes: Mapping[str, Any]) -> Design:
+        """Design with numbers and names that may make none, for a file that says so when read; places that it has."""
         data = self
         for place, value in _with_follower(self, dict(changes)).items():
             data = _with(data, place.split("."), value)

@@ -16,7 +16,7 @@ from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
 from ..bore.main_lens import MainLensKind
 from ..catalogue.conditions import parse_condition, read_condition
-from ..catalogue.entries import KINDS, LENS_PRESCRIPTION, Catalogue, Entry, Kind, Option, rows
+from ..catalogue.entries import KINDS, LENS_PRESCRIPTION, NAMED, Catalogue, Entry, Kind, Option, rows
 from ..design import PATHS, Design
 from ..errors import InputError, Problem
 from ..lenses.glass import Glass
@@ -273,6 +273,9 @@ class Combinations:
             own |= {place: given.pop(place) for place in (PATHS["D"],) if place in numbers}
             given.pop(FOCAL, None)
             design = self._behind(own, design)
+        chosen = {kind: part.part for kind, part in zip(self.kinds, parts, strict=True)}
+        places = {kind: place if place != "elements" else f"elements.{self.element}" for place, kind in NAMED.items()}
+        design = design.unchecked({f"{places[kind]}.part": name for kind, name in chosen.items() if kind in places})
         return replace(self.problem, design=design, given=given, cut=cut)
 
     def _behind(self, own: Mapping[str, Any], base: Design) -> Design:

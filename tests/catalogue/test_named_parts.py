@@ -1,10 +1,13 @@
 """Designs that name parts of the catalogue: what the parts give, what stands beside them, what is shown and written."""
 
+import numpy as np
 import pytest
 
 import roslf_design as roslf
 from roslf_design.catalogue import load_catalogue
+from roslf_design.optimization import Combinations
 from roslf_design.reporting.design.parts_list import named_parts, parts_section
+from tests.optimization.posing import goal, posed
 
 SCOPE = """
 name = "named"
@@ -65,7 +68,7 @@ def test_own_values_beside_a_name_win():
     assert (thin.lens, thin.f, thin.D) == (None, 7.5, 4.5)
     other = roslf.loads(SCOPE.replace('part = "18-00079"', 'part = "18-00079"\npitch = "40 um"'))
     words = dict(named_parts(other))["microlens array"]
-    assert words.endswith("18-00079 is named, but has pitch 30 um")
+    assert words.endswith("18-00079 is named; as catalogued: pitch 30 um")
     assert words in [row[-1] for row in parts_section(other).blocks[0].rows]
 
 
@@ -112,6 +115,18 @@ def test_a_change_of_name_changes_the_part_and_a_change_of_focus_keeps_it():
     other = singlet.replace(d_f=80.0, d_1=90.0)  # which asks for another focal length
     assert other.main_lens.part is None
     assert roslf.loads(roslf.dumps(other)) == other
+
+
+def test_a_study_that_chooses_parts_names_them():
+    """In place of those that the design named before."""
+    base = roslf.load("rigid-scope").replace({"sensor.part": "IMX250"})
+    problem = posed({"d_2": (0.2, 20.0)}, (), goal("sigma_z_mm", "min"), design=base)
+    combinations = Combinations.of(problem, load_catalogue(), ("microlens_arrays", "sensors"))
+    array, sensor = combinations.chosen(7)
+    design = combinations.problem_at(7).design_at(np.array([0.5]))
+    assert (design.microlens_array.part, design.sensor.part) == (array.part, sensor.part)
+    assert roslf.loads(roslf.dumps(design)) == design
+    assert dict(named_parts(design))["sensor"].startswith(sensor.name)
 
 
 def test_the_catalogue_prints_what_to_paste(capsys, tmp_path):

@@ -203,7 +203,7 @@ def _catalogue_match(
     if best is None:
         return "the catalogue has none", None
     if named and not same:
-        return f"{best.name} is named, but has {', '.join(unlike[best.part].words)}", best
+        return f"{best.name} is named; as catalogued: {', '.join(unlike[best.part].words)}", best
     if same:
         beyond = unlike[best.part].beyond
         alike = best.name if named else f"the same as {best.name}"
