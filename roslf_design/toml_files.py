@@ -32,6 +32,7 @@ ELSEWHERE = {
     "resolution": "pixels", "pixel_size": "pixel", "position": "distance", "qe": "quantum_efficiency",
     "fov": "field_of_view_deg", "dof": "depth_of_field_far_mm", "mtf": "mtf50_lp_per_mm",
     "model": "part", "product": "part",
+    "detail": "detail_lp_per_mm",
 }  # fmt: skip
 """Keys and quantities that files of one kind, or people, call so, and others otherwise."""
 TYPES = {

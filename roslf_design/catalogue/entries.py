@@ -22,6 +22,7 @@ from ..lenses.manufacture import D_LINE
 from ..lenses.material import Material
 from ..toml_files import StrictTable, nearest, problems_of, read_toml, validated
 from ..units import Angle, Length, format_quantity
+from ..words import length
 
 Kind = Literal["lenses", "microlens_arrays", "sensors", "windows"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -143,7 +144,8 @@ class _Round(Entry):
     @model_validator(mode="after")
     def _inside(self) -> Self:
         if self.clear_aperture is not None and self.clear_aperture > self.diameter:
-            raise ValueError("clear_aperture is larger than the diameter; swap them")
+            clear, outer = length(self.clear_aperture), length(self.diameter)
+            raise ValueError(f"clear_aperture {clear} is larger than the diameter {outer}; mend one of them")
         return self
 
 

@@ -22,7 +22,7 @@ from ..reporting.tolerance.pages import (
     headline,
     impossible_words,
     loose_words,
-    remedies,
+    mends,
     share_words,
     short_words,
     tables,
@@ -133,9 +133,6 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
         yield Paragraph(result.left_out)
     if loose := loose_words(result.plan):
         yield Paragraph(f"{loose} {LOOSER}")
-    misses = result.plan.nominal_misses()
-    if misses:
-        yield Paragraph(f"The nominal design itself misses {', '.join(misses)}: change the design or the limits.")
     if result.precision is not None:
         yield Paragraph(sentence(result.precision.accuracy.sentence(times)))
     if result.scale_for_target is not None:
@@ -144,8 +141,8 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
             f"All tolerances times {scale:.3g} give a yield of {share_words(reached)}; the target is "
             f"{100 * result.study.yield_target:.4g} %"
         )
-    if result.final.result.value < result.study.yield_target and not misses:
-        yield Paragraph(remedies(result))
+    if result.final.result.value < result.study.yield_target:
+        yield Paragraph(mends(result))
     for grade, at_grade in result.grades:
         yield Paragraph(f"Grade {grade}: yield {share_words(at_grade)}")
     if result.budget is not None and result.budget.looser:

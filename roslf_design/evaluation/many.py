@@ -97,9 +97,7 @@ def evaluate_many(
     by_rays = [quantity for quantity in known if quantity.of_rays is not None]
     real = [row for row, design in enumerate(used) if design.main_lens.kind.mounted] if by_rays else []
     few = len(real) <= MOST_TRACED
-    notes = [thin_lens_note(used, columns, traced=few)]
-    if not few:
-        notes[0] += f" (a table of up to {MOST_TRACED} designs, too)"
+    notes = [thin_lens_note(used, columns, untraced="" if few else f"a table of up to {MOST_TRACED} designs")]
     for row in real if few else ():
         told, faults = rays_tell(partial(as_design, used[row]), [(quantity, at) for quantity in by_rays])
         notes += [f"{named[row][0]} without what rays tell: {fault}" for fault in faults[:1]]

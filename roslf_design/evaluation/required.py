@@ -206,8 +206,8 @@ def requirements(
             only = "by contrast alone"
             remedy = (
                 f"believe the sampling: a sample a microlens carries {number(fold, 4)} lp/mm, whatever contrast finer "
-                "detail keeps; smaller microlenses or a shorter distance raise it, and fold_lp_per_mm = "
-                f"{{{place}min = {low:g}}} requires it"
+                "detail keeps; smaller microlenses or a shorter distance raise it, and detail_lp_per_mm = "
+                f"{{{place}min = {low:g}}} requires both"
             )
         elif not met and rays is None and not undefined and not quantity.numeric:
             alone = reaching(camera, quantity, at, low, high)

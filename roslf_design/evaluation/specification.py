@@ -216,6 +216,11 @@ class FieldImages:
         each_way = self.images.transfer(0, self._plane(at)).limits_each_way(LEVELS, "refocused")
         return float(np.min([limits[LEVELS.index(level)] for limits in each_way]))
 
+    def usable(self, at: float | None) -> float:
+        """Detail on the axis that shows as what it is, as `Rays` has it [lp/mm]."""
+        transfer = self.images.transfer(0, self._plane(at))
+        return min(self.detail(LEVELS[0], at), *map(transfer.fold, WAYS))
+
     def share(self, quantity: Quantity, at: float | None) -> float | None:
         """Value that rays tell over that of the thin-lens model; None of what they do not tell, or cannot."""
         told = self.told(quantity, at)

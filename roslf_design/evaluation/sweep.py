@@ -164,9 +164,7 @@ def sweep(
     follows = follower([PATHS.get(place, place) for place in axes])
     here = Camera.of(design)
     own = tuple(float(here[PATHS.get(place, place)]) for place in axes)
-    note = thin_lens_note([design], values, traced=few)
-    if by_rays and not few:
-        note += f" (a sweep of up to {MOST_TRACED} points, too)"
+    note = thin_lens_note([design], values, untraced="" if few else f"a sweep of up to {MOST_TRACED} points")
     return Sweep(axes, values, units, valid.reshape(shape), follows, at, own, note)
 
 

@@ -6,7 +6,7 @@ corners, and corners are cheap. Quantities for which that does not hold bound no
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from itertools import product
 from typing import Any, Literal, NamedTuple
@@ -18,6 +18,7 @@ from .._arrays import Array
 from ..bore.conjugates import CONJUGATES, REFRACTING
 from ..camera import TIP, Camera, Number
 from ..design import PATHS
+from ..errors import InputError, Problem
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField, sensor_field
 from ..theory.tube import LENGTH
@@ -175,6 +176,8 @@ class Refused(NamedTuple):
     def words(self, count: int) -> str:
         """Limit and parts, of so many combinations in all."""
         named = [f"{name} {self.constraint.with_unit(value, 4)}" for name, value in self.parts.items()]
+        if named and len(self.numbers) == count:  # whichever part
+            named = [self.constraint.with_unit(_nearest_to(self.constraint)(self.parts.values()), 4)]
         more = [f"{len(named) - NAMED} more"] if len(named) > NAMED else []
         told = f" (nearest: {listed([*named[:NAMED], *more])})" if named else ""
         return f"{len(self.numbers)} of {count} cannot hold {self.constraint} whatever varies{told}"
@@ -200,7 +203,28 @@ def refused(combinations: Combinations) -> Iterator[Refused]:
                 nearest[k, owner] = most if limit.max is None else least
     for limit, missed, values in zip(limits, wrong, nearest, strict=True):
         if missed.any():
-            yield Refused(limit, np.flatnonzero(missed), combinations.deciding(missed, values))
+            parts = combinations.deciding(missed, values, _nearest_to(limit))
+            yield Refused(limit, np.flatnonzero(missed), parts)
+
+
+def _nearest_to(limit: Constraint) -> Callable[[Iterable[float]], float]:
+    """The one of values, all beyond a limit, that comes nearest."""
+    return max if limit.max is None else min
+
+
+def refuse_all(combinations: Combinations) -> None:
+    """Refuse a choice of parts of which limits rule all out, before any search.
+
+    Raises
+    ------
+    InputError
+        Names the limits, and the nearest that parts come.
+    """
+    limits, count = list(refused(combinations)), len(combinations)
+    if len(set().union(*(limit.numbers.tolist() for limit in limits))) == count:
+        told = "; ".join(limit.words(count) for limit in limits)
+        words = f"no combination of parts can be a design: {told}; choose among others, or change limits or bounds"
+        raise InputError((Problem("catalogue", words),))
 
 
 def _corners(combinations: Combinations, owner: NDArray[np.intp], low: Array, high: Array) -> _Corners:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import itemgetter
@@ -220,17 +220,17 @@ class Combinations:
             cut |= np.array([part.is_cut for part in parts])[index]
         return cut
 
-    def deciding(self, missed: NDArray[np.bool_], values: Array) -> dict[str, float]:
-        """Parts that no combination holds a limit with, to their least value; of the kind on which values hang most."""
+    def deciding(
+        self, missed: NDArray[np.bool_], values: Array, nearest: Callable[[Iterable[float]], float]
+    ) -> dict[str, float]:
+        """Parts that no combination holds a limit with, to their nearest value; of the kind that matters most."""
         which = np.unravel_index(np.arange(len(self)), self._shape)
         told: list[tuple[float, dict[str, float]]] = []
         for index, parts in zip(which, self.parts, strict=True):
             groups = [index == k for k in range(len(parts))]
             spread = sum(float(np.ptp(np.clip(values[group], -BIG, BIG))) for group in groups)
-            of_parts = zip(parts, groups, strict=True)
-            told.append(
-                (spread, {part.part: float(values[group].min()) for part, group in of_parts if missed[group].all()})
-            )
+            wrong = [(part.part, group) for part, group in zip(parts, groups, strict=True) if missed[group].all()]
+            told.append((spread, {name: nearest(values[group].tolist()) for name, group in wrong}))
         return min(told, key=itemgetter(0))[1]
 
     def cut_words(self, number: int, unit: Array) -> str:

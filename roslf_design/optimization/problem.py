@@ -483,12 +483,12 @@ class DesignProblem:
         posed = replace(self, goals=tuple(map(told, self.goals)), constraints=tuple(map(told, self.constraints)))
         return posed, max((abs(1 / share - 1) for share in by.values()), default=0.0)
 
-    def untraced(self, *, quick: bool = False) -> DesignProblem:
-        """Problem with those of its limits alone that no rays at fields tell; quick: nor rays at all, nor long sums."""
+    def untraced(self, *, rays: bool = True, sums: bool = True) -> DesignProblem:
+        """Problem with those limits alone that no rays at fields tell; others (`rays`) and long sums (`sums`) if wanted."""
 
         def taken(limit: Constraint) -> bool:
-            slow = self._summed(limit.quantity) or self.is_by_rays(limit.quantity)
-            return limit.field is None and not (quick and slow)
+            told = rays if self.is_by_rays(limit.quantity) else sums or not self._summed(limit.quantity)
+            return limit.field is None and told
 
         some = frozenset(index for index, limit in enumerate(self.constraints) if taken(limit))
         return self.keeping(some).without_goals()

@@ -22,7 +22,7 @@ from .combinations import Combinations
 from .conflict import Conflict, explain
 from .problem import DesignProblem, promising_starts, sobol_units
 from .search import BIG, QUICK, Search, SearchBudget, violation_of
-from .solve import SETTLED, searched, settled
+from .solve import SETTLED, reached_untraced, searched, settled
 from .traces import Retrace
 from .variables import lengths_and_numbers
 
@@ -31,10 +31,6 @@ AT_ONCE = 10
 MOST_BOXES = 200_000
 """Beyond, splitting stops and the rest is optimised in the order of bounds."""
 ROUNDS = 16
-LOOKED_AT = 64
-"""Points of a combination's bounds of which the best begins a search that takes no rays."""
-ROUGHLY = 1e-2
-"""Relative change of numbers that rays tell, below which they decide whether a combination is looked at further."""
 TRIED_IN_VAIN = 2
 """Starts of traced searches after which a combination of which none holds the limits is left."""
 TIES = 1e-3
@@ -206,13 +202,10 @@ class _Ranker:
         Rays are traced from its optimum on, and from other starts where that holds the limits. Beside them the problem,
         with what rays tell of the whole camera where they end, and with those limits alone that were looked at.
         """
-        near = self._nearest(problem.untraced(quick=True), begin[0])
-        quick = not near.feasible
-        if near.feasible:
-            problem, near = settled(problem, near.unit, ROUGHLY, lambda p, unit: self._nearest(p.untraced(), unit))
+        problem, part, near = reached_untraced(problem, begin[0], self.seed, self._searched)
         if not near.feasible:
             rows = np.nan_to_num(problem.limits(near.unit[None])[:, 0], nan=BIG)
-            return [replace(near, violation=violation_of(rows))], problem, problem.untraced(quick=quick)
+            return [replace(near, violation=violation_of(rows))], problem, part
         thin = self._searched(replace(problem, thin=True), near.unit)
         problem, _ = problem.told_by_rays(thin.unit)
         results: list[Search] = []
@@ -224,15 +217,9 @@ class _Ranker:
         best = min(results, key=lambda result: (not result.feasible, result.merit, result.violation))
         problem, moved = problem.told_by_rays(best.unit)
         if moved > SETTLED:
-            problem, best = settled(problem, best.unit, SETTLED, self._searched)
+            problem, best, _ = settled(problem, best.unit, SETTLED, self._searched)
             results = [best]
         return results, problem, problem
-
-    def _nearest(self, problem: DesignProblem, start: Array) -> Search:
-        """The point nearest to holding limits without rays, from the best of many."""
-        units = np.concatenate([start[None], sobol_units(problem.n, LOOKED_AT, self.seed)])
-        over = np.nan_to_num(problem.limits(units), nan=BIG).max(axis=0, initial=-BIG)
-        return self._searched(problem, units[over.argmin()])
 
     def _searched(self, problem: DesignProblem, start: Array) -> Search:
         return searched(problem, start, self.budget, 80, max(QUICK, problem.finest))
@@ -282,7 +269,7 @@ class _Ranker:
 
         polished = []
         for ranked in [each for each in self.best if each.search.merit < self.threshold]:
-            problem, best = settled(ranked.problem, ranked.search.unit, FEASIBLE, thoroughly)
+            problem, best, _ = settled(ranked.problem, ranked.search.unit, FEASIBLE, thoroughly)
             polished.append(Ranked(ranked.number, best, problem))
             if not best.feasible:
                 self.reasons[ranked.number] = _missed(problem, best)

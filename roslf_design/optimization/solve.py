@@ -53,6 +53,9 @@ TOUCHING = 1e-6
 MOST_SETTLING, SETTLED = 8, 1e-4
 """Searches after which numbers that rays tell are taken as they are, and how little they move before that, relative: in
 an answer by no more than `FEASIBLE`."""
+LOOKED_AT, ROUGHLY = 64, 1e-2
+"""Points of the bounds of which the best begins a search that takes no rays at fields, and relative change of numbers
+that rays tell of the whole camera, below which they decide whether fields are traced at all."""
 
 Tell = CountedProgress
 
@@ -225,10 +228,15 @@ class Answer:
 
 def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = silent) -> Answer:
     """The best design, or what stands in the way; `tell` is told what is being done."""
-    began, budget = time.monotonic(), settings.fresh()
+    began = time.monotonic()
+    return replace(_solved(problem, settings, settings.fresh(), tell), seconds=time.monotonic() - began)
+
+
+def _solved(problem: DesignProblem, settings: Settings, budget: SearchBudget, tell: Tell) -> Answer:
+    """`solve` within a budget, whose time the caller knows."""
     starts = _starts(problem, settings)
     if problem.order == "weighted" or len(problem.goals) == 1:
-        return replace(_solve(problem, settings, budget, tell, starts), seconds=time.monotonic() - began)
+        return _solve(problem, settings, budget, tell, starts)
     stages: list[_Stage] = []
     current, spent = replace(problem, order="weighted"), 0
     for number, goal in enumerate(problem.goals, 1):
@@ -245,55 +253,130 @@ def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = silen
         starts = [answer.unit, *starts]
         if not last:
             current = replace(current, constraints=(*current.constraints, held))
-    return replace(answer, asked=problem, stages=tuple(stages), evaluations=spent, seconds=time.monotonic() - began)
+    return replace(answer, asked=problem, stages=tuple(stages), evaluations=spent)
 
 
 def solve_by_rays(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = silent) -> Answer:
-    """`solve`, with what rays tell of the whole camera at the optimum: about first, then polished."""
-    if not problem.by_rays:
+    """`solve`, with what rays tell of the whole camera at the optimum: about first, then polished.
+
+    Where fields are traced at every design tried, what no such ray tells is looked at before any is.
+    """
+    if not (problem.by_rays or problem.traced):
         return solve(problem, settings, tell)
-    budget = settings.fresh()
+    began, budget = time.monotonic(), settings.fresh()
+    answer = _settled_by_rays(problem, settings, budget, tell)
+    spent = max(answer.evaluations, settings.budget - int(budget.evaluations))  # settling counts, too
+    return replace(answer, evaluations=spent, ended=budget.ended, seconds=time.monotonic() - began)
+
+
+def _settled_by_rays(problem: DesignProblem, settings: Settings, budget: SearchBudget, tell: Tell) -> Answer:
+    polish = partial(searched, budget=budget, evaluations=settings.evaluations, tolerance=problem.finest)
+    roughly = partial(polish, tolerance=max(settings.tolerance, problem.finest))
+    start = None
+    if problem.traced:
+        tell("limits of the whole camera")
+        problem, part, near = reached_untraced(problem, np.full(problem.n, 0.5), settings.seed, roughly)
+        if not near.feasible:
+            return _unreached(problem, part, near, settings, budget, tell)
+        start = near.unit
+    if not problem.by_rays:
+        return _solved(problem, settings, budget, tell)
     tell("rays at the optimum")
-    coarse = max(settings.tolerance, problem.finest)
-    roughly = partial(searched, budget=budget, evaluations=settings.evaluations, tolerance=coarse)
-    problem, _ = settled(problem, _starts(problem, settings)[0], SETTLED, roughly)
-    answer = solve(problem, settings, tell)
-    again = False
+    start = _starts(problem, settings)[0] if start is None else start
+    problem, *_ = settled(problem, start, SETTLED, roughly)
+    answer, moved = _solved(problem, settings, budget, tell), 0.0
     # Of a lexicographic order the stages are solved as they were settled.
-    for _ in range(MOST_SETTLING if answer.problem is answer.asked else 0):
-        problem, moved = answer.problem.told_by_rays(answer.unit)
+    for again in (False, True) if answer.problem is answer.asked else ():
+        told, moved = answer.problem.told_by_rays(answer.unit)
         if moved <= (FEASIBLE if answer.feasible else SETTLED):
             break
-        end = searched(problem, answer.unit, budget, settings.evaluations, problem.finest)
-        if not end.feasible or not answer.feasible:  # judged by what rays tell elsewhere
-            if again:
+        if answer.feasible:
+            told, end, moved = settled(told, answer.unit, FEASIBLE, polish)
+            if end.feasible:
+                answer = _moved_to(answer, told, end)
                 break
-            again, starts = True, [end.unit, *_starts(problem, settings)]
-            answer = replace(_solve(problem, settings, budget, tell, starts), seconds=answer.seconds)
-            continue
-        # Where other searches ended, numbers move along.
-        by = end.merit - answer.merit
-        ends = tuple(replace(one, merit=one.merit + by) for one in answer.searches)
-        checks = tuple(
-            replace(one, polished=replace(one.polished, merit=one.polished.merit + by)) for one in answer.checks
-        )
-        active, residual = _rests(problem, end.unit)
-        answer = replace(answer, problem=problem, asked=problem, searches=ends, active=active, residual=residual)
-        answer = replace(answer, unit=end.unit, merit=end.merit, violation=end.violation, checks=checks)
-    else:
-        _, moved = answer.problem.told_by_rays(answer.unit)
+        else:
+            end = polish(told, answer.unit)
+        if not again:  # judged by what rays tell elsewhere
+            answer = _solve(told, settings, budget, tell, [end.unit, *_starts(told, settings)])
     if moved <= SETTLED:
         return answer
     note = f"limits and goals by rays are not settled: where the search ended they differ by up to {100 * moved:.2g} %"
     return replace(answer, notes=(*answer.notes, note))
 
 
+def _moved_to(answer: Answer, problem: DesignProblem, end: Search) -> Answer:
+    """An answer at a search's end behind numbers that rays tell there; where others ended, they move along."""
+    by = end.merit - answer.merit
+    ends = tuple(replace(one, merit=one.merit + by) for one in answer.searches)
+    checks = tuple(replace(one, polished=replace(one.polished, merit=one.polished.merit + by)) for one in answer.checks)
+    active, residual = _rests(problem, end.unit)
+    answer = replace(answer, problem=problem, asked=problem, searches=ends, active=active, residual=residual)
+    return replace(answer, unit=end.unit, merit=end.merit, violation=end.violation, checks=checks)
+
+
+def _unreached(
+    problem: DesignProblem, part: DesignProblem, near: Search, settings: Settings, budget: SearchBudget, tell: Tell
+) -> Answer:
+    """Answer where `part` of a problem's limits cannot be held already, `near` being the nearest to that."""
+    tell("finding what stands in the way")
+    conflict = explain(part, [near.unit], budget, settings.seed)
+    note = (
+        "limits at single fields were not looked at, since those of the whole camera cannot be held; what would free "
+        "these leaves the others out"
+    )
+    return Answer(
+        problem=problem,
+        asked=problem,
+        unit=conflict.unit,
+        merit=BIG,
+        violation=conflict.violation,
+        feasible=False,
+        active=(),
+        residual=0.0,
+        conflict=conflict,
+        searches=(near,),
+        checks=(),
+        stages=(),
+        gradient_error=0.0,
+        evaluations=near.evaluations,
+        seconds=0.0,
+        notes=(note,),
+        settings=settings,
+    )
+
+
+def reached_untraced(
+    problem: DesignProblem, start: Array, seed: int, search: Callable[[DesignProblem, Array], Search]
+) -> tuple[DesignProblem, DesignProblem, Search]:
+    """Where those limits hold that no rays at fields tell, or the nearest to it; what takes long last.
+
+    Beside it the problem, told by rays there, and with the limits alone that were looked at.
+    """
+
+    def nearest(part: DesignProblem, first: Array) -> Search:
+        units = np.concatenate([first[None], sobol_units(part.n, LOOKED_AT, seed)])
+        over = np.nan_to_num(part.limits(np.clip(units, 0.0, 1.0)), nan=BIG).max(axis=0, initial=-BIG)
+        return search(part, units[over.argmin()])
+
+    part = problem.untraced(rays=False, sums=False)
+    near = nearest(part, start)
+    for sums in (False, True):
+        if not near.feasible:
+            break
+        if problem.untraced(sums=sums).constraints != part.constraints:
+            wanted = partial(DesignProblem.untraced, sums=sums)
+            problem, near, _ = settled(problem, near.unit, ROUGHLY, lambda p, unit, w=wanted: nearest(w(p), unit))  # type: ignore[misc]
+            part = wanted(problem)
+    return problem, part, near
+
+
 def settled(
     problem: DesignProblem, unit: Array, within: float, search: Callable[[DesignProblem, Array], Search]
-) -> tuple[DesignProblem, Search]:
+) -> tuple[DesignProblem, Search, float]:
     """A search that ends where rays tell what it took them to tell, but for so little, and the problem that it solves.
 
-    It begins anew from its end until then, at most `MOST_SETTLING` times.
+    It begins anew from its end until then, at most `MOST_SETTLING` times. Beside it how far they were apart in the end.
     """
     for _ in range(MOST_SETTLING):
         end = search(problem, unit)
@@ -301,7 +384,7 @@ def settled(
         if moved <= within:
             break
         end, unit = judged(problem, end), end.unit
-    return problem, end
+    return problem, end, moved
 
 
 def _starts(problem: DesignProblem, settings: Settings) -> list[Array]:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import permutations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -26,7 +27,6 @@ from ..errors import InputError, Problem
 from ..evaluation.fields import unseen
 from ..evaluation.required import Requirement, limits_for_study, required_of, studied
 from ..json_data import plain
-from ..lenses.glass import find_glass
 from ..lenses.prescription import Prescription
 from ..progress import silent
 from ..tables import BriefValue
@@ -36,6 +36,7 @@ from ..toml_files import StrictTable, nearest, problems_of, read_toml
 from ..units import Length
 from ..words import number
 from .bore import BoreTable, EquivalentPupil, solve_through
+from .bounds import refuse_all
 from .choices import given_by
 from .combinations import CatalogueTable, Combinations
 from .front import Front, ParetoTable, pareto_front
@@ -130,6 +131,7 @@ class StudyTable(StrictTable):
                     yield Problem(f"variables.{name}", f"bounds {ends} hold 0 between them; keep to one sign")
             if self.bore and (name in ("D_F", "d_3") or name.startswith(("aperture.", "stops.", "tube_"))):
                 yield Problem("variables", f"'{name}' varies, but the bore gives it; drop one of them")
+        yield from self._contradictions(design)
         asked = self._asked(design)
         views = [part.quantity.name for part in asked.values() if part.quantity.of_views]
         yield from focus_faults(design, *views, changed=("f_ml",) if self.microlens_in_focus else self.variables)
@@ -167,6 +169,13 @@ class StudyTable(StrictTable):
             if "lenses" in self.catalogue.kinds and plane and CONJUGATES[2] in varied:
                 words = "with a lens from it, d_f and d_1 cannot both vary; drop one of them"
                 yield Problem("catalogue", words)
+
+    def _contradictions(self, design: Design) -> Iterator[Problem]:
+        """Limits on the same number of which none lies between."""
+        for (key, one), (_, other) in permutations(self._limits(design).items(), 2):
+            above = None not in (one.min, other.max) and one.min > other.max + one.quantity.slack(other.max)
+            if one.asked == other.asked and above:
+                yield Problem(key, f"{one} contradicts {other}: nothing lies between; change one of them")
 
     def fixed_faults(self, problem: DesignProblem) -> Iterator[Problem]:
         """Limits that are missed by as much at points all over the bounds: nothing that varies changes their values.
@@ -418,15 +427,23 @@ def run(study: OptimizeStudy, tell: Tell = silent) -> Result:
     """
     began = time.monotonic()
     table, settings, problem = study.table, study.settings, study.problem
-    scatter = combinations = bore = front = robust = ranking = None
+    scatter = bore = front = robust = ranking = None
     if table.robust is not None:
         scatter = scatter_of(table.robust, problem.design, settings.seed)
     if table.catalogue is not None:
         files = [study.folder / name for name in table.catalogue.files]
         shipped = load_catalogue(files, shipped=table.catalogue.shipped)
         catalogue = table.catalogue.chosen(shipped, problem.design.main_lens.kind)
-        for name in table.catalogue.only.get("glasses", ()):
-            _ = find_glass(name)
+        combinations = partial(
+            Combinations.of,
+            catalogue=catalogue,
+            kinds=table.catalogue.kinds,
+            element=table.catalogue.plate(problem.design),
+            glasses=table.catalogue.only.get("glasses", ()),
+        )
+        combined = combinations(problem)
+        if not table.rims:  # whose stop is known once it is solved
+            refuse_all(combined)
     if table.rims:
         answer, bore = solve_through(problem, table.rims, settings, tell)
         problem = posed = answer.asked
@@ -439,10 +456,9 @@ def run(study: OptimizeStudy, tell: Tell = silent) -> Result:
     if answer.feasible and table.robust is not None and scatter is not None:
         robust = maximise_robustness(problem, table.robust, scatter, answer.unit, settings.fresh(), tell)
     if table.catalogue is not None:
-        element = table.catalogue.plate(posed.design)
-        glasses = table.catalogue.only.get("glasses", ())
-        combinations = Combinations.of(posed, catalogue, table.catalogue.kinds, element, glasses)
-        ranking = rank(combinations, table.catalogue.keep, settings.fresh(), settings.seed, tell, settings.starts)
+        ranking = rank(
+            combinations(posed), table.catalogue.keep, settings.fresh(), settings.seed, tell, settings.starts
+        )
     retrace, part_retraces = None, list[Retrace]()
     if answer.feasible:
         asked: tuple[Goal | Constraint, ...] = (*answer.asked.goals, *answer.asked.constraints)

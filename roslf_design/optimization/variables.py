@@ -57,7 +57,7 @@ class Variable(StrictTable):
         else:
             shown = format_quantity(self.min, "length"), format_quantity(self.max, "length")
         if self.min > self.max:
-            raise ValueError(f"contradictory bounds: min {shown[0]} is above max {shown[1]}; swap them")
+            raise ValueError(f"min {shown[0]} is above max {shown[1]}: nothing lies between; did you swap them?")
         if self.measured_in and self.max == 0:
             raise ValueError("max must be greater than zero")
         return self

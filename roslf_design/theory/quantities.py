@@ -84,20 +84,20 @@ NO_LENS_MOVES = frozenset(
 """Quantities that a thin-lens model has as its real lens has them: of parts, or on the axis to first order."""
 
 
-def thin_lens_note(designs: Iterable[Design], names: Iterable[str], *, traced: bool = True) -> str:
+def thin_lens_note(designs: Iterable[Design], names: Iterable[str], *, untraced: str = "") -> str:
     """Words on the quantities that are of thin-lens models where lenses are real, and who tells more; empty of none.
 
-    `traced`: what rays tell was asked of them.
+    `untraced`: what would have been traced, in words, where these were too many.
     """
     lenses = dict.fromkeys(lens.name for design in designs if (lens := design.main_lens.kind).mounted)
-    told = {name for name, quantity in QUANTITIES.items() if traced and quantity.of_rays is not None}
-    moved = [name for name in dict.fromkeys(names) if name not in NO_LENS_MOVES | told]
+    told = {name for name in dict.fromkeys(names) if name in QUANTITIES and QUANTITIES[name].of_rays is not None}
+    moved = [name for name in dict.fromkeys(names) if name not in NO_LENS_MOVES and (untraced or name not in told)]
     if not lenses or not moved:
         return ""
     return (
         f"of the thin-lens model, not of rays through {listed([*lenses])}: {listed(moved)}; `roslf evaluate` traces "
         "field, light and detail"
-    )
+    ) + (f" ({untraced}, too)" if untraced and told else "")
 
 
 def quantities_of_cameras(names: str | Sequence[str], at: Depth = None) -> list[Quantity]:
@@ -182,6 +182,10 @@ def _resolved(level: float) -> Callable[[Camera, Depth], Array]:
         return ratio(on_array, light.object_scale(c, at))
 
     return of
+
+
+def _nyquist(c: Camera, at: Depth) -> Array:
+    return ratio(resolution.fold(c), light.object_scale(c, at))
 
 
 def image_rate(c: Camera, at: Depth | Array) -> Array:
@@ -749,6 +753,19 @@ _EVERY = (
         label="resolution, MTF 50 %",
     ),
     Quantity(
+        "detail_lp_per_mm",
+        "lp/mm",
+        "finest detail that the refocused image shows as what it is, on the axis: with half its contrast, and no finer "
+        "than its Nyquist frequency",
+        lambda c, at: np.minimum(_resolved(0.5)(c, at), _nyquist(c, at)),
+        of_rays=lambda rays, at: rays.usable(at),
+        at="optional",
+        monotone=False,
+        numeric=True,
+        of_views=True,
+        label="detail",
+    ),
+    Quantity(
         "mtf10_lp_per_mm",
         "lp/mm",
         "the same of a tenth of the contrast",
@@ -764,7 +781,7 @@ _EVERY = (
         "fold_lp_per_mm",
         "lp/mm",
         "Nyquist frequency of one sample a microlens: finer detail aliases",
-        lambda c, at: ratio(resolution.fold(c), light.object_scale(c, at)),
+        _nyquist,
         at="optional",
         monotone=False,
         of_views=True,

@@ -40,6 +40,9 @@ class Rays(Protocol):
     def detail(self, level: float, at: Depth) -> float:
         """Detail [lp/mm] of a plane that the refocused image shows with so much of its contrast; NaN of none."""
 
+    def usable(self, at: Depth) -> float:
+        """The same of half its contrast, no finer than the Nyquist frequency."""
+
 
 @dataclass(frozen=True)
 class Listed:

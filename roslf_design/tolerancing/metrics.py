@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -16,7 +17,7 @@ from ..bore.main_lens import IdealMainLens, RealMainLens, SheetMainLens
 from ..bore.part import TEMPERATURE
 from ..camera import TEMPERATURES, Camera, Number
 from ..design import PATHS, Design
-from ..evaluation.specification import FieldImages
+from ..evaluation.specification import FieldImages, rays_tell
 from ..theory.quantities import DECODED, QUANTITIES
 from ..theory.quantity import Quantity
 from .ideal import IdealBuilds
@@ -156,10 +157,8 @@ def share_by_rays(design: Design, name: str, at: float | None) -> float | None:
     asked = DISTANT.get(name)  # of decoders it is no quantity of a design
     if asked is None or asked.of_rays is None or not design.main_lens.kind.mounted:
         return None
-    return _images_of(design).share(asked, at)
-
-
-_images_of = lru_cache(maxsize=8)(FieldImages.of)
+    ((share,), _) = rays_tell(lambda: design, [(asked, at)], FieldImages.share)
+    return None if share is None or math.isnan(share) else share
 
 
 def _lenslet_offsets(question: Question, values: Mapping[str, Array]) -> tuple[Number, Number] | None:

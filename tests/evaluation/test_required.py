@@ -333,3 +333,15 @@ def test_the_sheet_s_answers_by_lengths_are_in_its_json():
     assert [drawn["u_z_mm"], drawn["expanded_mm"]] == [expected["u_z_mm"], expected["expanded_mm"]]
     assert built["u_z_mm"] is calibrated["u_z_mm"] is None
     assert "tolerance study" in built["remark"]
+
+
+@pytest.mark.parametrize(("name", "at"), [("rigid-scope", 40.0), ("paper-singlet", 300.0), ("cystoscope", 15.0)])
+def test_the_detail_of_the_table_can_be_required(name, at):
+    """As the table has it: of contrast where that ends first, of sampling elsewhere; of rays behind a real lens."""
+    limits = [{"at": at, "min": 1e-3}, {"min": 1e-3}]
+    design = roslf.load(name).replace({"required": {"detail_lp_per_mm": limits}})
+    evaluation = roslf.evaluate(design, at=at)
+    table = {row.plane: row.usable_lp_per_mm for row in evaluation.answer.at}
+    far, focus = evaluation.required
+    assert far.value == pytest.approx(table["asked for"], rel=1e-4)
+    assert focus.value == pytest.approx(table["focal plane"], rel=1e-4)

@@ -562,6 +562,11 @@ def basis(
             f"Uncertainty of one instrument after its calibration, {calibration.words}, is two standard deviations, by "
             f"each line's derivatives over {names}{others}."
         )
+        if build is not None and calibration.lengths.planned:
+            sentences.append(
+                "Tolerances count as known before it, so that its U is no larger than by captures alone, which is what "
+                "`roslf calibrate --plan` tells."
+            )
         if design is calibration.design and not calibration.lengths.planned:
             sentences.append("Values are those of that instrument.")
     sentences.append("Lines without one (–) are nominal." if sentences else NOMINAL)

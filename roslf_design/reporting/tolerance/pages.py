@@ -25,7 +25,7 @@ from ...tolerancing.budgets import Change, ToleranceBudget
 from ...tolerancing.draws import Perturbation
 from ...tolerancing.metrics import DISTANT, METRICS
 from ...tolerancing.places import display, perturbable, short_name
-from ...tolerancing.result import StudyResult, WorstTrial, reach_of
+from ...tolerancing.result import KNOWN_LENGTHS, StudyResult, WorstTrial, reach_of
 from ...tolerancing.study import CALIBRATION, TolerancePlan
 from ...tolerancing.summaries import ColumnSummary, Variant
 from ...tolerancing.traced import fates
@@ -37,17 +37,26 @@ TOP = 12
 """Rows of a ranking."""
 MOST = 14
 """Bars that a ranking shows."""
+AT_LIMIT = 0.1
+"""Distance from a limit, over the scatter of builds, within which the nominal design lies at it."""
 LOOSE = 0.1
 """Share of a length above which its tolerance is told."""
 LOOSER = "A grade knows no sizes: give such a length a tolerance of its own in [[perturb]]."
 """Remedy of that."""
+KNOWN = ", lengths known"
+"""What is added to a limit on depth, expected, of builds."""
+EXACTLY = (
+    "Calibrated: without error. With those of a calibration `roslf datasheet --calibration` of the study tells depth, "
+    "by captures alone `roslf calibrate --plan`."
+)
+"""What a study's calibration of each build leaves out."""
 MOST_FAULTS = 4
 """Reasons why builds cannot be put together that a sentence names."""
 FOCUS = {"microlens_array.distance": "focus the array", "sensor.distance": "focus the sensor behind the array"}
 """Adjustments by what a lens maker calls them."""
 TOLERANCE_WIDTHS = {
-    "parameter": 7.5, "± tolerance": 6, "mends [%]": 4.5, "r² [%]": 3.5, "alone up to": 7.5, "until it fails": 10,
-    "shared budget": 6.5, "for the target yield": 6,
+    "parameter": 7.5, "± tolerance": 6, "puts together [%]": 4.5, "r² [%]": 3.5, "alone up to": 7.5,
+    "until it fails": 10, "shared budget": 6.5, "for the target yield": 6,
 }  # fmt: skip
 """Widths of the columns of tolerances; their sources have the rest."""
 MOST_ROWS = 15
@@ -137,7 +146,10 @@ def short_words(result: StudyResult) -> str:
         return ""
     if QUANTITIES["u_z_mm"].label not in told:
         return f"Builds fall short of what the design's [required] asks for: {told}."
-    better = "Of depth, once a camera is calibrated, believe the verdict with its lengths as calibrated."
+    better = (
+        "Of depth, once a camera is calibrated, believe the verdict with its lengths as calibrated (`roslf datasheet "
+        "--calibration`)."
+    )
     return f"Builds that nobody calibrates fall short of what the design's [required] asks for: {told}. {better}"
 
 
@@ -207,18 +219,39 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
         )
     if result.left_out:
         text += f" {in_words(result.left_out)}"
-    misses = result.plan.nominal_misses()
     if short := short_words(result):
         text = f"{short} By the study's own limits: {text[:1].lower()}{text[1:]}"
     if result.final.result.value >= target:
         most = min((share for _, share in result.short_of), default=1.0) >= 0.5
         return Statement("good" if not short else "caution" if most else "bad", text)
-    if misses:
-        named = ", ".join(in_words(label) for label in misses)
-        remedy = f"The nominal design itself misses its limits ({named}): change the design or the limits."
+    return Statement("bad", text, in_words(mends(result)))
+
+
+def mends(result: StudyResult) -> str:
+    """Ways to more yield: of the nominal design where it misses limits or lies at them, else of tolerances."""
+    if misses := result.plan.nominal_misses():
+        remedy = f"The nominal design itself misses its limits ({', '.join(misses)}): change the design or the limits."
     else:
         remedy = remedies(result)
-    return Statement("bad", text, remedy)
+    return f"{remedy} {nominal_at_limits(result)}".rstrip()
+
+
+def nominal_at_limits(result: StudyResult) -> str:
+    """Words on limits that the nominal design lies at, so that no tolerance holds them; empty where it lies at none."""
+    columns = {column.label: column for column in result.final.distributions}
+    at = [
+        limit.label
+        for limit in result.final.limits
+        for edge in (limit.low, limit.high)
+        if abs(columns[limit.label].nominal - edge) < AT_LIMIT * columns[limit.label].deviation
+    ]
+    if not at:
+        return ""
+    return (
+        f"The nominal design lies at its limits on {words.listed(list(dict.fromkeys(at)))}, as an optimum does: about "
+        "half of the builds miss each, however tight tolerances are. Give it margin: narrower limits in `roslf "
+        "optimize`, or its [robust]."
+    )
 
 
 def remedies(result: StudyResult) -> str:
@@ -280,7 +313,10 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
     if ranked and ranked[0][1] > 0.05:
         place, part = ranked[0]
         name = short_name(place, result.plan.question.design)
-        yield Statement("plain", words.sentence(f"{name} correlates most: {100 * part:.0f} % of its variance"))
+        told = f"{name} moves {in_words(weakest.label)} most: {100 * part:.0f} % of its variance"
+        if _of_those(result):
+            told += ", in builds that can be put together; what puts the others together is told above"
+        yield Statement("plain", words.sentence(told))
 
 
 def _of_those(result: StudyResult) -> str:
@@ -334,9 +370,10 @@ def tables(result: StudyResult, brief: bool = False) -> list[Table]:
 
 def _limits(result: StudyResult, shown: set[str]) -> Table:
     """Yield of each limit alone, for every variant."""
+    known = {column.label for column in result.plan.columns if column.metric in KNOWN_LENGTHS}
     limits = [
         (
-            limit.label,
+            f"{limit.label}{KNOWN * (limit.label in known)}",
             *("" if math.isinf(edge) else number(edge) for edge in (limit.low, limit.high)),
             *(f"{100 * variant.limits[index].result.value:.2f}" for variant in result.variants),
         )
@@ -353,6 +390,10 @@ def _limits(result: StudyResult, shown: set[str]) -> Table:
         limits.insert(0, ("can be put together", "", "", *possible))
         count += " Each limit by itself: of those that can be put together."
     places = ", ".join(f"{index} ({words.place(x_ml, 3)})" for index, x_ml in enumerate(result.plan.question.fields))
+    if known & {limit.label for limit in result.final.limits}:
+        count += " Lengths known: each build's own are taken as known, as if calibrated without error."
+    if result.plan.calibrated:
+        count += f" {EXACTLY}"
     caption = f"{count} Fields, by the position of their microlens [mm]: {places}." if places else count
     return Table((*limits, every), "l" + "d" * (len(heads) - 1), heads, "Limits", caption)
 
@@ -423,7 +464,7 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
     columns: tuple[Column, ...] = (
         ("parameter", "l", lambda p: short_name(p.place, design)),
         ("± tolerance", "r", lambda p: display(p.tolerance, kinds[p.place])),
-        *((("mends [%]", "r", lambda p: f"{100 * together[p.place]:.1f}"),) if result.final.impossible else ()),
+        *((("puts together [%]", "r", lambda p: f"{100 * together[p.place]:.1f}"),) if result.final.impossible else ()),
         ("r² [%]", "d", lambda p: f"{100 * shares.get(p.place, 0.0):.1f}"),
         ("alone up to", "r", lambda p: own("alone", p)),
         ("until it fails", "l", lambda p: allowed[p.place].alone_limited_by if p.place in allowed else ""),
@@ -441,7 +482,7 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
     )
     if result.final.impossible:
         caption = (
-            "Mends: share of the builds that cannot be put together that can once this alone is at its "
+            "Puts together: share of the builds that cannot be put together that can once this alone is at its "
             f"nominal; it ranks with r², each for the builds that fail its way. {caption}"
         )
     ranked = sorted(result.plan.draws.perturbations, key=lambda p: order.index(p.place))
@@ -656,7 +697,7 @@ def _worded(table: Table) -> Table:
 
 
 def _label(cell: str) -> str:
-    name = cell.partition("@")[0].partition(" at ")[0]
+    name = cell.partition(KNOWN)[0].partition("@")[0].partition(" at ")[0]
     metric = METRICS.get(name) or DISTANT.get(name)
     return in_words(cell) + (f" [{metric.unit}]" if metric is not None and metric.unit else "")
 
