@@ -484,7 +484,7 @@ class DesignProblem:
         return posed, max((abs(1 / share - 1) for share in by.values()), default=0.0)
 
     def untraced(self, *, rays: bool = True, sums: bool = True) -> DesignProblem:
-        """Problem with those limits alone that no rays at fields tell; others (`rays`) and long sums (`sums`) if wanted."""
+        """Problem with those limits alone that no rays at fields tell; without others, or long sums, where so asked."""
 
         def taken(limit: Constraint) -> bool:
             told = rays if self.is_by_rays(limit.quantity) else sums or not self._summed(limit.quantity)

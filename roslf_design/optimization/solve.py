@@ -382,9 +382,9 @@ def settled(
         end = search(problem, unit)
         problem, moved = problem.told_by_rays(end.unit)
         if moved <= within:
-            break
-        end, unit = judged(problem, end), end.unit
-    return problem, end, moved
+            return problem, end, moved
+        unit = end.unit
+    return problem, judged(problem, end), moved
 
 
 def _starts(problem: DesignProblem, settings: Settings) -> list[Array]:

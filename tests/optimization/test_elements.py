@@ -276,7 +276,11 @@ def test_a_lens_that_diverges_may_vary(windowed):
         ("f", '["-80 mm", "-20 mm"]', "min must not be negative; only an element's focal length may be"),
         ("elements.1.focal_length", '["-80 mm", "20 mm"]', "hold 0 between them; keep to one sign"),
         ("elements.1.focal_length", '["0 mm", "20 mm"]', "min must be greater than zero"),
-        ("elements.1.focal_length", '["-20 mm", "-80 mm"]', "min -20 mm is above max -80 mm: nothing lies between; did you swap them?"),
+        (
+            "elements.1.focal_length",
+            '["-20 mm", "-80 mm"]',
+            "min -20 mm is above max -80 mm: nothing lies between; did you swap them?",
+        ),
     ],
 )
 def test_bounds_that_no_lens_has_are_refused(capsys, tmp_path, windowed, place, bounds, said):

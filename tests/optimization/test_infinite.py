@@ -11,6 +11,8 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.catalogue import load_catalogue
 from roslf_design.design import PATHS
+from roslf_design.errors import InputError
+from roslf_design.optimization.bounds import refuse_all
 from roslf_design.optimization.combinations import Combinations
 from roslf_design.optimization.front import pareto_front
 from roslf_design.optimization.ranking import rank
@@ -206,4 +208,9 @@ def test_where_no_parts_are_listed_the_reason_is_told():
     (reason,) = ranking.refused
     assert str(reason.constraint.quantity.name) == "views_geometric"
     assert len(reason.numbers) == len(load_catalogue(()).sensors)
-    assert max(reason.parts.values()) < 200
+    most = max(reason.parts.values())
+    assert most < 200
+    with pytest.raises(
+        InputError, match=rf"no combination of parts can be a design: .*\(nearest: {most:.4g}\); choose"
+    ):
+        refuse_all(combinations)

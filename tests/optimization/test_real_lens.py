@@ -144,6 +144,28 @@ def test_an_answer_holds_its_limits_as_rays_tell_them_where_it_is(monkeypatch):
     assert "limits and goals by rays are not settled" in settled.notes[-1]
 
 
+def test_no_field_is_traced_where_the_whole_camera_s_limits_cannot_be_held(monkeypatch):
+    """Nor is depth summed; what settling takes counts, and so does its time."""
+
+    def none(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(FieldTraces, "at", none)
+    limits = [
+        Constraint(quantity="fill_factor", field=FIELDS[1], max=1.0),
+        Constraint(quantity="field_half_width_mm", min=100.0),
+        Constraint(quantity="u_z_mm", max=1e-3),
+    ]
+    goal = Goal(quantity="sigma_z_mm", direction="min")
+    answer = solve_by_rays(posed({"d_f": (250, 450)}, limits, goal, design=SINGLET), Settings(starts=1, check=False))
+    assert not answer.feasible
+    assert [one.limit for one in answer.conflict.clashing] == ["field_half_width_mm >="]
+    assert answer.conflict.clashing[0].value < 100
+    assert "limits at single fields were not looked at" in answer.notes[0]
+    assert answer.evaluations > 0
+    assert answer.seconds > 0
+
+
 def test_a_study_behind_a_real_lens(tmp_path, capsys):
     (tmp_path / "study.toml").write_text(STUDY)
     assert main(["optimize", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--json"]) == 0

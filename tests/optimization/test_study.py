@@ -187,6 +187,11 @@ def test_an_impossible_study_exits_0_and_says_so(capsys, tmp_path):
         ("max = 1.0", "max = 0.5", "fill_factor: min 0.98 is above max 0.5: nothing lies between; did you swap them"),
         ("min = 0.98", "min = -0.98", "fill_factor: min -0.98 limits nothing, fill_factor is above 0; raise it"),
         ('quantity = "non_distortion_room_mm"\nmin = "0 mm"', 'quantity = "d_1"\nmin = 0.1', "0.1 has no unit"),
+        (
+            'quantity = "non_distortion_room_mm"\nmin = "0 mm"',
+            'quantity = "fill_factor"\nmin = 1.2',
+            "fill_factor >= 1.2 contradicts 0.98 <= fill_factor <= 1: nothing lies between",
+        ),
         ('min = "0 mm"', "min = false", "expected a length"),
         ('min = "0 mm"', "", "non_distortion_room_mm has no limit"),
         ('at = "200 mm"', 'at = "200 mm"\ncolour = 1', "goals.0.colour: is not a known key"),

@@ -349,6 +349,7 @@ def test_the_remedy_is_true_of_what_was_tried(goal, misses, budgets, kind, said)
     assert statement.tone == "bad"
     assert said in statement.remedy
     assert statement.remedy in " ".join(summary(result).split())
+    assert ("lies at its limits on image fill" in statement.remedy) == ("max" in goal and "min" not in goal)
     if kind is None:
         assert result.budget is None or not result.budget.changes
         return
@@ -415,7 +416,11 @@ def test_no_tick_by_a_goal_that_leaves_out_what_the_requirement_counts():
     statement = _yield_statement(result)
     assert statement.tone == "bad"
     assert statement.text.startswith("Builds that nobody calibrates fall short of what the design's [required] asks")
-    assert summary(result).splitlines()[1].startswith("Builds that nobody calibrates fall short of")
+    told = summary(result)
+    assert told.splitlines()[1].startswith("Builds that nobody calibrates fall short of")
+    assert "u_z_mm, lengths known" in told
+    files = render_tables(tolerance_report(result, ""))
+    assert "lengths known [mm]" in files["tables/limits.csv"].decode("utf-8-sig")
 
 
 def test_the_field_shown_of_a_metric_is_the_one_whose_room_scatter_uses_most_of():

@@ -146,10 +146,7 @@ def short_words(result: StudyResult) -> str:
         return ""
     if QUANTITIES["u_z_mm"].label not in told:
         return f"Builds fall short of what the design's [required] asks for: {told}."
-    better = (
-        "Of depth, once a camera is calibrated, believe the verdict with its lengths as calibrated (`roslf datasheet "
-        "--calibration`)."
-    )
+    better = "Of depth, once a camera is calibrated, believe the verdict with its lengths as calibrated."
     return f"Builds that nobody calibrates fall short of what the design's [required] asks for: {told}. {better}"
 
 
@@ -224,7 +221,7 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
     if result.final.result.value >= target:
         most = min((share for _, share in result.short_of), default=1.0) >= 0.5
         return Statement("good" if not short else "caution" if most else "bad", text)
-    return Statement("bad", text, in_words(mends(result)))
+    return Statement("bad", text, mends(result))
 
 
 def mends(result: StudyResult) -> str:
@@ -233,7 +230,7 @@ def mends(result: StudyResult) -> str:
         remedy = f"The nominal design itself misses its limits ({', '.join(misses)}): change the design or the limits."
     else:
         remedy = remedies(result)
-    return f"{remedy} {nominal_at_limits(result)}".rstrip()
+    return in_words(f"{remedy} {nominal_at_limits(result)}".rstrip())
 
 
 def nominal_at_limits(result: StudyResult) -> str:
@@ -249,8 +246,8 @@ def nominal_at_limits(result: StudyResult) -> str:
         return ""
     return (
         f"The nominal design lies at its limits on {words.listed(list(dict.fromkeys(at)))}, as an optimum does: about "
-        "half of the builds miss each, however tight tolerances are. Give it margin: narrower limits in `roslf "
-        "optimize`, or its [robust]."
+        "half of the builds miss each, however tight tolerances are. Adjust them at assembly, or give it margin: "
+        "narrower limits in `roslf optimize`, or its [robust]."
     )
 
 
