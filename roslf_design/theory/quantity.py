@@ -41,7 +41,7 @@ class Rays(Protocol):
         """Detail [lp/mm] of a plane that the refocused image shows with so much of its contrast; NaN of none."""
 
     def usable(self, at: Depth) -> float:
-        """The same of half its contrast, no finer than the Nyquist frequency."""
+        """Detail [lp/mm] that keeps half its contrast, no finer than the Nyquist frequency."""
 
 
 @dataclass(frozen=True)

@@ -44,12 +44,12 @@ LOOSE = 0.1
 LOOSER = "A grade knows no sizes: give such a length a tolerance of its own in [[perturb]]."
 """Remedy of that."""
 KNOWN = ", lengths known"
-"""What is added to a limit on depth, expected, of builds."""
+"""Addition to a limit on depth, expected, of builds."""
 EXACTLY = (
     "Calibrated: without error. With those of a calibration `roslf datasheet --calibration` of the study tells depth, "
     "by captures alone `roslf calibrate --plan`."
 )
-"""What a study's calibration of each build leaves out."""
+"""Words on errors that a study's calibration of each build has not."""
 MOST_FAULTS = 4
 """Reasons why builds cannot be put together that a sentence names."""
 FOCUS = {"microlens_array.distance": "focus the array", "sensor.distance": "focus the sensor behind the array"}
@@ -230,10 +230,10 @@ def mends(result: StudyResult) -> str:
         remedy = f"The nominal design itself misses its limits ({', '.join(misses)}): change the design or the limits."
     else:
         remedy = remedies(result)
-    return in_words(f"{remedy} {nominal_at_limits(result)}".rstrip())
+    return in_words(f"{remedy} {_nominal_at_limits(result)}".rstrip())
 
 
-def nominal_at_limits(result: StudyResult) -> str:
+def _nominal_at_limits(result: StudyResult) -> str:
     """Words on limits that the nominal design lies at, so that no tolerance holds them; empty where it lies at none."""
     columns = {column.label: column for column in result.final.distributions}
     at = [
