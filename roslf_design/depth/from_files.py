@@ -326,10 +326,10 @@ def _truth(file: Path, grid: GridGeometry, shape: tuple[int, ...]) -> NDArray[np
 
 def _between(text: str, geometry: ViewGeometry) -> tuple[float, float]:
     """Disparities searched [pitches] between two distances, or two disparities as results have them."""
-    parts = [part.strip() for part in text.split(",")]
+    parts, pixels = [part.strip() for part in text.split(",")], geometry.place_unit == "px"
     example = 'give two distances, as "300 mm, 400 mm", or two disparities, as -2,2'
     try:
-        disparities = np.array([float(part) for part in parts])
+        disparities = np.array([float(part.removesuffix("px") if pixels else part) for part in parts])
     except ValueError:
         pass
     else:
@@ -338,9 +338,8 @@ def _between(text: str, geometry: ViewGeometry) -> tuple[float, float]:
             raise refusal("between", f'"{text}" is no pair of disparities; {example}')
         return scale * float(disparities.min()), scale * float(disparities.max())
     if geometry.unit != "mm":
-        raise refusal(
-            "between", "are distances, which take a camera; name it by `design`, or give disparities, as -2,2"
-        )
+        only = "distances take a camera: name it by `design`, or give disparities, as -2,2"
+        raise refusal("between", f'"{text}" is no pair of disparities; {only}')
     try:
         ends = np.array([read_quantity(part, "length") for part in parts])
     except ValueError as error:

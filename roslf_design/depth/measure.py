@@ -75,7 +75,7 @@ class Prediction(NamedTuple):
     """[mm]"""
 
 
-class _Flatness(NamedTuple):
+class Flatness(NamedTuple):
     """Depths against the plane that fits them best."""
 
     rms: float
@@ -128,7 +128,7 @@ class Depths:
             self.depth[part], self.noise_sigma[part], calibrated,
         )  # fmt: skip
 
-    def flatness(self) -> _Flatness | None:
+    def flatness(self) -> Flatness | None:
         """How nearly a plane it is; None of a few microlenses. A plane's disparity is linear over the array."""
         known = self.measured
         if known.sum() < self.disparities.window**2:
@@ -139,7 +139,7 @@ class Depths:
         plane = np.linalg.lstsq(columns * weight[:, None], disparity * weight, rcond=None)[0]
         off = disparity - columns @ plane
         rms = self.geometry.sigma(self.depth[known], np.abs(off))
-        return _Flatness(float(np.sqrt((rms**2).mean())), float((np.abs(off) * weight < 1).mean()))
+        return Flatness(float(np.sqrt((rms**2).mean())), float((np.abs(off) * weight < 1).mean()))
 
     @property
     def views_aside(self) -> Array:

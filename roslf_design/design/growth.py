@@ -74,6 +74,8 @@ class Growth:
     """Elements, and plates about the array."""
     glasses: tuple[tuple[str, Glass], ...]
     """Glass of each index, by the index's place."""
+    silent: tuple[str, ...] = ()
+    """Parts that stay as they are, because nothing says what they are made of."""
 
     @classmethod
     def of(cls, design: Assembly) -> Growth | None:
@@ -88,6 +90,7 @@ class Growth:
             design.microlens_array.made_of,
             design.chain,
             tuple(design.materials.items()),
+            not_named(design),
         )
 
     def moved(

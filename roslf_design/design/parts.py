@@ -487,7 +487,7 @@ class DepthSettings(Part):
     period: Length | None = None
     """Period of a texture that has only one, in every direction [mm]; None has detail of every size."""
     contrast: Annotated[float, Field(gt=0, le=1)] = 0.1
-    """Rms contrast of the texture: of the one `period`, or in each octave of detail, there `MOST_CONTRAST` at most."""
+    """Rms contrast of the texture: of the one `period`, or in each octave of detail, there 0.3 at most."""
     finest: Length | None = None
     """Period of the texture's finest detail [mm]; None has all that single views can show, down to two microlenses."""
     window: Annotated[int, Field(ge=1, le=1001)] = 5

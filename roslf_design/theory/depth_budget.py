@@ -26,7 +26,7 @@ from .depth_error import (
 )
 from .disparity_error import axial_disparity_sigmas
 from .length_covariance import CalibratedLengths, LengthCovariance
-from .photometry import NOTHING, Beside
+from .photometry import NOTHING, Beside, full_level
 from .quantity import Depth
 
 COVERAGE = 2
@@ -182,8 +182,9 @@ def depth_budget(
             BudgetTerm(VEIL, "B", "precision", None, GIVEN),
         ]
     else:
+        full = bool(np.any(np.isinf(noise) & (full_level(c) < 1)))
         terms = [
-            BudgetTerm(NOISE, "B", "precision", noise, "the bound"),
+            BudgetTerm(NOISE, "B", "precision", noise, "the bound" + "; pixels are full" * full),
             BudgetTerm(MISMATCH, "B", "precision", _added(uneven, noise), _mismatch_words(c)),
             BudgetTerm(VEIL, "B", "precision", _added(hazy, uneven), f"{_percent(c['light.veil'])} of full scale"),
         ]
@@ -201,6 +202,9 @@ def depth_budget(
         middle = "the middle of the range; if it is calibrated at another, say calibrated_at in [environment]"
         where = "where it is calibrated" if TEMPERATURES[2] in c.numbers else middle
         remark = f"{used} °C, counted from {known:g} °C, {where}"
+        silent = () if c.growth is None else c.growth.silent
+        if silent and not np.any(warmth) and not coldest == warmest == known:
+            warmth, remark = None, f"nothing says how {listed([*silent])} would grow"
     alone = bool(calibration is not None and at is not None and np.isin(at, calibration.uncovered_mm).any())
     terms.append(BudgetTerm(WARMTH, "B", "trueness", warmth, remark))
     return DepthBudget(tuple(terms), sigmas[0], MODEL_ALONE * alone, None if met is None else met[2])

@@ -161,9 +161,16 @@ def test_between_takes_disparities_also_negative(folder):
     measured = roslf.capture_depth(folder, between="-2,2")
     assert measured.first.disparities.search == (-6.0, 6.0)
     assert np.median(measured.first.depth[measured.first.measured]) == pytest.approx(0.3, abs=0.01)
+    assert roslf.capture_depth(folder, between="-2 px, 2px").first.disparities.search == (-6.0, 6.0)
 
 
-@pytest.mark.parametrize("text", ["1", "1,1", "1,2,3", "nan,2", "1,x"])
+def test_between_that_misses_the_scene_says_where_else_to_look(folder, capsys):
+    assert main(["depth", str(folder), "--between=-2,-1"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "beyond the disparities searched. Search elsewhere: --between takes disparities" in said
+
+
+@pytest.mark.parametrize("text", ["1", "1,1", "1,2,3", "nan,2", "1,x", "300 mm, 400 mm"])
 def test_between_that_is_no_range_is_refused(folder, tmp_path, text, capsys):
     assert main(["depth", str(folder), f"--between={text}", "-o", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
@@ -197,6 +204,7 @@ def test_overexposed_pictures_are_saturated_not_occluded(times):
     assert trial.saturated > 0.3
     assert trial.brightest > 1
     assert trial.unknown()[DisparityStatus.SATURATED.reason] > 0.98
+    assert not any("neither light nor texture" in line.text for line in statements(trial))
 
 
 def walls(name):

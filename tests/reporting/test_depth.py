@@ -8,7 +8,7 @@ import pytest
 import roslf_design as roslf
 from roslf_design.depth.measure import Summary, assumed
 from roslf_design.depth.pictures import default_scene
-from roslf_design.reporting.depth.pages import _beside_evaluate, statements
+from roslf_design.reporting.depth.pages import _beside_evaluate, _percent, statements
 
 
 def said(windows, spread=0.010, inside=0.68, bias=0.0, tail=0.0):
@@ -63,3 +63,8 @@ def test_the_wall_s_predicted_error_and_evaluate_s_bound_differ_by_their_texture
     for design in (paper, paper.replace(alike)):
         assert f"{roslf.evaluate(design).depth.sigma_z_mm:.3g} mm" in text
     assert "(2.5 microlenses there) and 0.111 rms contrast" in text
+
+
+def test_shares_near_none_and_all_are_neither():
+    shares = 0, 1e-6, 0.001, 0.5, 0.999, 1 - 1e-6, 1
+    assert [*map(_percent, shares)] == ["none", "under 0.1 %", "0.1 %", "50 %", "99.9 %", "over 99.9 %", "100 %"]

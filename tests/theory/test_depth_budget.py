@@ -402,3 +402,21 @@ def test_what_evaluate_prints_and_writes():
 def test_values_that_cannot_be(place, value):
     with pytest.raises(roslf.DesignError, match=place.replace(".", r"\.")):
         PAPER.replace({place: value})
+
+
+def test_temperature_of_a_camera_of_no_material_is_unknown_not_none():
+    """Where nothing grows by the file, its range says nothing of depth; at one temperature nothing is due."""
+    plain = PAPER.replace({"environment": {"range": ["15 degC", "37 degC"]}})
+    budget = depth_budget(Camera.of(plain))
+    assert terms(budget)["temperature"].u_mm is None
+    assert "temperature: nothing says how the housing, the main lens and the microlenses would grow" in budget.left_out
+    named = plain.replace({"environment.housing": "316L"})
+    assert float(terms(depth_budget(Camera.of(named)))["temperature"].u_mm) > 0
+    still = PAPER.replace({"environment": {"calibrated_at": "20 degC"}})
+    assert float(terms(depth_budget(Camera.of(still)))["temperature"].u_mm) == 0
+
+
+def test_noise_of_full_pixels_is_called_so():
+    full = PAPER.replace({"light.exposure": "1 s"})
+    noise = terms(depth_budget(Camera.of(full)))["shot and read noise"]
+    assert (noise.u_mm, noise.remark) == (np.inf, "the bound; pixels are full")

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...depth.captured import MeasuredCapture
 from ...depth.geometry import ArrayGeometry
+from ...depth.measure import Depths, Flatness
 from ...drawing.picture import Picture
 from ...words import length, listed, number, sentence
 from ..blocks import Block, Bullets, Code, Figure, Report, Statement, Statements, Table
@@ -107,8 +108,7 @@ def _capture_statements(measured: MeasuredCapture) -> Iterator[Statement]:
             yield Statement("good", text)
         else:
             yield Statement("caution", text, f"Believe {rms:.2g} {unit} where single {places(measured)} count.")
-    flat = run.flatness()
-    if flat is not None and flat.rms < FLAT * float(np.median(run.noise_sigma[some])):
+    if (flat := _plane(run)) is not None:
         text = (
             f"Is it a plane? Off the best one by {flat.rms:.2g} {unit} rms; {100 * flat.inside_68:.0f} % lie within "
             "the errors reported for light and texture, 68 % would of a plane."
@@ -123,9 +123,15 @@ def _capture_statements(measured: MeasuredCapture) -> Iterator[Statement]:
         yield Statement("caution", sentence(warning))
 
 
+def _plane(run: Depths) -> Flatness | None:
+    """How flat a scene is that may be taken for a plane; None of others."""
+    flat = run.flatness()
+    return flat if flat is not None and flat.rms < FLAT * float(np.median(run.noise_sigma[run.measured])) else None
+
+
 def _numbers(measured: MeasuredCapture) -> Table:
     run, summary, unit = measured.first, measured.summary(), measured.first.geometry.unit
-    some, flat = run.measured, run.flatness()
+    some, flat = run.measured, _plane(run)
     lines: list[tuple[str, str, str, str]] = []
     if some.any():
         lines.append(("standard error", f"{np.sqrt((run.sigma[some] ** 2).mean()):.3g}", unit, "rms, of all"))

@@ -26,6 +26,8 @@ FEW = 0.98
 """Share of measured microlenses below which what is missing is a caution."""
 WIDE = 1.3
 """Rms error over that told up to which errors reported are right."""
+LITTLE = 0.001
+"""Share from none, or all, below which no more digits are told."""
 TAIL = 0.003
 """Share of the errors beyond five of those reported up to which they are right."""
 FIGURES = {
@@ -148,7 +150,8 @@ def statements(trial: Trial) -> Iterator[Statement]:
     )
     yield _judged(text, windows, small, None if small or chance else ("bad", remedy))
     if summary.predicted_mm is None:
-        text = "Is it as predicted? Nothing was predicted: neither light nor texture gives depth here."
+        why = "pixels are full" if trial.saturated > 1 - FEW else "neither light nor texture gives depth"
+        text = f"Is it as predicted? Nothing was predicted: {why} here."
         yield Statement("caution", text, "Believe the errors reported with each depth, where there is one.")
     else:
         ratio, room = spread / summary.predicted_mm, math.sqrt(2 / windows)
@@ -205,6 +208,8 @@ def known(trial: Measurement, summary: Summary) -> Statement:
     remedy = f"The rest is unknown, not guessed: {why}." if why else ""
     if reasons.get(DisparityStatus.SATURATED.reason, 0.0) > 1 - FEW:
         remedy += " Expose less: where pixels are full nothing is measured."
+    if reasons.get(DisparityStatus.OUT_OF_RANGE.reason, 0.0) > 1 - FEW:
+        remedy += " Search elsewhere: --between takes disparities, and distances where a camera is known."
     if reasons.get(DisparityStatus.MIXED.reason, 0.0) > 1 - FEW:
         remedy += (
             " Microlens images overlap so much that views cannot be told apart: match the f-number; roslf evaluate "
@@ -343,4 +348,6 @@ def _share(part: float, whole: float) -> str:
 
 def _percent(share: float) -> str:
     """A share in words: all and none are told apart from nearly so."""
-    return "100 %" if share == 1 else "none" if share == 0 else f"{min(max(100 * share, 0.1), 99.9):.3g} %"
+    if 0 < share < LITTLE or 1 - LITTLE < share < 1:
+        return "under 0.1 %" if share < 0.5 else "over 99.9 %"
+    return "100 %" if share == 1 else "none" if share == 0 else f"{100 * share:.3g} %"

@@ -519,7 +519,7 @@ def _colour_lines(design: Design, colours: tuple[Colour, ...]) -> Iterator[_Shee
     yield _SheetLine(subject, "electrons in a green pixel", green.electrons, "", white, "pixel_electrons")
     every = float(QUANTITIES["sigma_z_mm"](Camera.of(design)))
     alone = f"scene without colours; green alone {number(green.sigma_z_mm, 3)}, {beside(lambda one: one.sigma_z_mm)}"
-    yield _SheetLine(subject, "depth noise, focal plane, all colours", every, "mm", alone, "sigma_z_mm")
+    yield _SheetLine(subject, "depth noise (bound), focal plane, all colours", every, "mm", alone, "sigma_z_mm")
 
 
 def _in_green(name: str, factor: float, camera: Camera) -> Array:
