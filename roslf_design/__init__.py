@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from .camera import Camera
     from .design import Design, DesignError, dumps, load, loads, preset_names, save
     from .errors import InputError
-    from .evaluation import Evaluation, evaluate, evaluate_many
+    from .evaluation import Evaluation, evaluate
+    from .evaluation.many import evaluate_many
     from .evaluation.specification import Specification, specification
     from .evaluation.sweep import Sweep, sweep
     from .reporting.printers import render_html, render_pdf
@@ -97,7 +98,8 @@ __getattr__, __dir__, _ = lazy.attach(
         "camera": ["Camera"],
         "design": ["Design", "DesignError", "dumps", "load", "loads", "preset_names", "save"],
         "errors": ["InputError"],
-        "evaluation": ["Evaluation", "evaluate", "evaluate_many"],
+        "evaluation": ["Evaluation", "evaluate"],
+        "evaluation.many": ["evaluate_many"],
         "evaluation.specification": ["Specification", "specification"],
         "evaluation.sweep": ["Sweep", "sweep"],
         "reporting.printers": ["render_html", "render_pdf"],

@@ -124,7 +124,7 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
         def spots(shares: Mapping[str, float]) -> list[dict[str, Any]]:
             choice = laid_out(shares)
             if choice not in known:
-                known[choice] = json.loads(pages.query("<spot>", field="value", root=root))
+                known[choice] = json.loads(pages.query("<spots>", field="value", one=True, root=root))
             return known[choice]
 
         for _ in range(2):  # figures that are smaller let others fit, and others no more
