@@ -50,8 +50,8 @@ class _Command(NamedTuple):
 
 COMMANDS = {
     "evaluate": _Command(
-        "Everything closed forms say of a design: f-number match, field, microlens images, depth, diffraction.",
-        "roslf evaluate designs/paper.toml --field 11.15 --field 5,3 --json",
+        "Verdicts on a camera and its numbers: what it sees, how deep it measures, what is wrong and what would mend it.",
+        "roslf evaluate rigid-scope --at 10mm",
     ),
     "render": _Command(
         "The raw light-field image that the sensor would record, with only the physics it needs.",
@@ -82,7 +82,7 @@ COMMANDS = {
         "roslf optimize studies/optimize-rigid-scope/study.toml -o out/rigid-scope",
     ),
     "calibrate": _Command(
-        "H, d_3 and the rest from images of a checkerboard, with how sure they are; or plan the capture.",
+        "Lengths of the built camera from pictures of a checkerboard, with their uncertainty; or plan the capture.",
         'roslf calibrate captures --design designs/paper.toml --board "4x5 6 mm" -o out/calibration',
     ),
     "bench": _Command(

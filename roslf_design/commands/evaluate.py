@@ -41,13 +41,13 @@ def evaluate(
     output: OptionalOutput = None,
     accuracy: float | None = None,
 ) -> None:
-    """Everything closed forms say of a design: f-number match, field, microlens images, depth, diffraction.
+    """Verdicts on a camera and its numbers: what it sees, how deep it measures, what is wrong and what would mend it.
 
     Parameters
     ----------
     field
-        Microlens position on the MLA in mm, along x ("11.15") or "x,y"; may be given several times. Default: centre,
-        edge and corner of what the sensor sees.
+        Place of a microlens on the array in mm, along x ("11.15") or "x,y", whose image is reported; may be given
+        several times. Default: centre, edge and corner of what the sensor sees.
     at
         Distance ahead of the tip, as "10mm", that the first lines report beside the focal plane; may be given several
         times.

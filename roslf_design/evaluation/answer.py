@@ -115,8 +115,9 @@ class FirstAnswer:
     outer_diameter_mm: float
     """Tube that the design states, wider where parts and walls need it; else the narrowest about the optics."""
     outer_diameter_about: str
+    """Which tube it is of, in words."""
     outer_diameter_counts: str
-    """Which tube it is of, and the walls that it counts, as `tube.walls` says them."""
+    """Walls that it counts, in words."""
     corner_lp_per_mm: float | None
     """Finest detail in the corner at the focal plane, refocused; None where it is dark, or pixels are no views."""
     at: tuple[_AtDistance, ...]

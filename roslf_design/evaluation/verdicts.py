@@ -398,7 +398,9 @@ def _resolved(camera: Camera, sampling: Numbers) -> Verdict:
     enough = 2 * independent
     pixels = (
         f"pixels up to {views / enough:.3g} times as large sample all that passes, too (8 N_F = {enough:.3g} across)"
-        if views > enough
+        if views > 1.05 * enough
+        else f"pixels sample just what passes (8 N_F = {enough:.3g} across)"
+        if views > 0.95 * enough
         else f"finer pixels add no views, but detail, up to 8 N_F = {enough:.3g} across an image"
     )
     return Verdict(

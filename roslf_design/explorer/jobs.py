@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import accumulate
 from multiprocessing.connection import Connection
@@ -184,8 +185,12 @@ def _run(sender: Connection, work: Callable[[Any, Tell], Any], request: Any) -> 
     sender.close()
 
 
+ASIDE = ThreadPoolExecutor(max_workers=1, thread_name_prefix="aside")
+"""Works on one thing after the other while the event loop hears requests."""
+
+
 class Later:
-    """Timers in the event loop, one for each kind of work; not in threads, which compiled kernels do not stand.
+    """Tasks in the event loop, one for each kind of work.
 
     Parameters
     ----------
@@ -195,25 +200,34 @@ class Later:
 
     def __init__(self, done: Callable[[], None]) -> None:
         self._done = done
-        self._timers: dict[str, tuple[asyncio.TimerHandle, object]] = {}
+        self._tasks: dict[str, tuple[asyncio.Task[None], object]] = {}
 
-    def do(self, name: str, work: Callable[[], object], subject: object, pause: float = PAUSE) -> None:
-        """Do some kind of work in a while [s]; asked again for another subject, the wait begins anew."""
+    def do(
+        self, name: str, work: Callable[[], object], subject: object, pause: float = PAUSE, *, aside: bool = True
+    ) -> None:
+        """Do some kind of work in a while [s]; asked again for another subject, the wait begins anew.
 
-        def run() -> None:
-            del self._timers[name]
-            work()
+        What takes no time need not be done `aside`.
+        """
+
+        async def run() -> None:
+            await asyncio.sleep(pause)
+            if aside:
+                await asyncio.get_running_loop().run_in_executor(ASIDE, work)
+            del self._tasks[name]
+            if not aside:
+                work()
             self._done()
 
-        if name in self._timers:
-            timer, before = self._timers[name]
+        if name in self._tasks:
+            task, before = self._tasks[name]
             if before == subject:
                 return
-            timer.cancel()
-        self._timers[name] = (asyncio.get_running_loop().call_later(pause, run), subject)
+            task.cancel()
+        self._tasks[name] = (asyncio.get_running_loop().create_task(run()), subject)
 
     def cancel(self) -> None:
         """Forget all that waits."""
-        for timer, _ in self._timers.values():
-            timer.cancel()
-        self._timers.clear()
+        for task, _ in self._tasks.values():
+            task.cancel()
+        self._tasks.clear()

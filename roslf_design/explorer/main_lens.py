@@ -40,7 +40,7 @@ class _IdealLens:
         return design
 
     def evaluation(
-        self, design: Design, thin: Callable[[Design], Evaluation], traced: Callable[[], Evaluation | Exception | None]
+        self, design: Design, thin: Callable[[Design], Evaluation], traced: Evaluation | Exception | None
     ) -> Evaluation:
         """Evaluation to show: the traced one, once it is known, of a lens that is traced."""
         return thin(design)
@@ -58,13 +58,12 @@ class _RealLens(_IdealLens):
     )
 
     def evaluation(
-        self, design: Design, thin: Callable[[Design], Evaluation], traced: Callable[[], Evaluation | Exception | None]
+        self, design: Design, thin: Callable[[Design], Evaluation], traced: Evaluation | Exception | None
     ) -> Evaluation:
         """The traced one, or the thin-lens model's until it is known; depth warms by the lens's own glass in both."""
-        known = traced()
-        if isinstance(known, Exception):
-            raise known
-        return known or replace(thin(design.thin_twin), depth_budget=depth_budget(Camera.of(design)))
+        if isinstance(traced, Exception):
+            raise traced
+        return traced or replace(thin(design.thin_twin), depth_budget=depth_budget(Camera.of(design)))
 
 
 _LENSES = {IdealMainLens: _IdealLens(), SheetMainLens: _IdealLens(), RealMainLens: _RealLens()}

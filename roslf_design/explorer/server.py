@@ -28,6 +28,7 @@ from trame_client.module import vue3
 from trame_server import Server
 
 from ..errors import refusal
+from .jobs import ASIDE
 from .session import DownloadError, Session
 from .view import with_cards
 
@@ -70,7 +71,8 @@ class _Tab:
         session.on_news = self.push
         self._server = Server(f"explorer-{self.key}")
         self._server.client_type = "vue3"
-        self._answered = 0
+        self._asked = self._news = 0
+        self._showing: asyncio.Task[None] | None = None
         self._backend: Any = None
         self._connection: Any = None
         self._running: asyncio.Task[None] | None = None
@@ -99,13 +101,36 @@ class _Tab:
         await self._connection.send(True, message)
 
     def push(self) -> None:
-        """Show what has changed without being asked, such as the progress of a run."""
+        """Show what has changed, also without being asked, such as the progress of a run."""
+        self._news += 1
+        if self._showing is None or self._showing.done():
+            self._showing = asyncio.get_running_loop().create_task(self._show())
+
+    async def _show(self) -> None:
+        """Bring the page up to date part by part, begun anew where something is asked meanwhile."""
+        shown = -1
+        while shown != self._news:
+            shown, asked = self._news, self._asked
+            try:
+                for part in self.session.parts():
+                    self._update(await asyncio.get_running_loop().run_in_executor(ASIDE, part))
+                    if self._asked != asked:
+                        break
+                else:
+                    self._update({"answered": asked})
+            except Exception:  # the terminal says why; the page waits no longer
+                self._update({"answered": asked})
+                raise
+
+    def _update(self, values: dict[str, Any]) -> None:
         with self._server.state as state:
-            state.update(self.session.page())
+            state.update(values)
 
     async def close(self) -> None:
         """End the server and everything that runs for it; may be called twice."""
         self.session.close()
+        if self._showing is not None:
+            self._showing.cancel()
         if self._connection is not None:
             connection, self._connection = self._connection, None
             await connection.close()
@@ -122,9 +147,9 @@ class _Tab:
     def _handler(self, name: str) -> Callable[..., int]:
         def handle(*arguments: Any) -> int:
             self.session.ask(name, *arguments)
-            self._answered += 1
-            self._server.state.update({**self.session.page(), "answered": self._answered})
-            return self._answered
+            self._asked += 1
+            self.push()
+            return self._asked
 
         return handle
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Annotated, Any, NamedTuple, TypeVar
 
 from pydantic import FiniteFloat, ValidationError, validate_call
@@ -94,7 +94,7 @@ class Session:
 
     requests = (
         *("opened", "restore", "slide", "write", "choose", "follow", "undo", "redo", "load_text", "load_path", "fix"),
-        *("dismiss", "look", "point", "let_go", "nudge", "resize", "set_theme", "space_again", "start_run"),
+        *("dismiss", "show", "look", "point", "let_go", "nudge", "resize", "set_theme", "space_again", "start_run"),
         *("cancel_run", "take_optimum"),
     )
     """Methods that the page may call, through `ask`."""
@@ -113,6 +113,7 @@ class Session:
         self._known: dict[Callable[[Design], Any], tuple[Design, Any]] = {}
         self._later = Later(lambda: self.on_news())
         self._drawn: dict[str, tuple[Any, Picture | None, str]] = {}
+        self._unsaid: list[str] = []
         self._reports: list[ProcessJob[bytes]] = []
         self.on_news: Callable[[], None] = lambda: None
         """Called when something is to be shown that nobody asked for."""
@@ -132,30 +133,20 @@ class Session:
         return [*(run.job for run in self._runs.values()), *self._reports]
 
     def page(self) -> dict[str, Any]:
-        """Values of the whole page; pictures only of the view that is shown, once the page is there."""
-        pictures, verdicts, known = dict.fromkeys(DRAWINGS, ""), {}, {}
-        space = self._in_space()
-        if self._opened:
-            source = self._source()
-            shown = [name for name, drawing in DRAWINGS.items() if drawing.tab == self._look.tab]
-            pictures = {name: self._draw(name, source) for name in shown}
-            if self._look.tab == "depth":
-                known = _tried(lambda: depth_known(source), depth_unknown)
-            verdicts = {
-                "glance": _tried(lambda: glance(source.evaluation), lambda why: []),
-                "glance_of": _tried(lambda: source.lens_words("field and light traced"), lambda why: ""),
-                "rays_of": _tried(lambda: source.lens_words("traced"), lambda why: ""),
-                "lights": _tried(lambda: shown_lights(source), lambda why: [unknown("Verdicts", why)]),
-                "fixes": self._fixes(),
-            }
-        return {
-            **{f"picture_{name.replace('-', '_')}": svg for name, svg in pictures.items()},
+        """Values of the whole page."""
+        return {key: value for part in self.parts() for key, value in part().items()}
+
+    def parts(self) -> Iterator[Callable[[], dict[str, Any]]]:
+        """Values of the page, part after part: what takes no time, then each picture, verdicts and 3D.
+
+        Each part may be found in a thread, before the next is asked for. Pictures are those of the view that is shown,
+        once the page is there.
+        """
+        shown = [name for name, drawing in DRAWINGS.items() if self._opened and drawing.tab == self._look.tab]
+        first = {
             **header(self._history),
             **controls(self.state),
             **looked_at(self.state, self._look),
-            **(verdicts or {"glance": [], "glance_of": "", "rays_of": "", "lights": [], "fixes": []}),
-            "depth_known": known,
-            "space": space,
             **{f"{kind}_run": summary(self._runs.get(kind), self.design, self._wrong.get(kind, "")) for kind in KINDS},
             "reporting": next((s.words for job in self._reports if isinstance(s := job.poll(), Progress)), ""),
             "forms": forms(self.state),
@@ -163,6 +154,35 @@ class Session:
             "tabs": [{"key": key, "label": label} for key, label in TABS.items()],
             "theme": self._theme,
         }
+        if not self._opened:
+            first |= dict.fromkeys(map(_key, DRAWINGS), "") | {
+                "glance": [],
+                "glance_of": "",
+                "rays_of": "",
+                "lights": [],
+                "fixes": [],
+                "depth_known": {},
+            }
+            yield lambda: {**first, "space": self._space.sent}
+            return
+        yield lambda: first
+        source = self._source()
+        for name in shown:
+            yield partial(self._picture, name, source)
+        fixes, in_depth, in_space = self._fixes(), self._look.tab == "depth", self._look.tab == "space"
+        yield lambda: {
+            "glance": _tried(lambda: glance(source.evaluation), lambda why: []),
+            "glance_of": _tried(lambda: source.lens_words("field and light traced"), lambda why: ""),
+            "rays_of": _tried(lambda: source.lens_words("traced"), lambda why: ""),
+            "lights": _tried(lambda: shown_lights(source), lambda why: [unknown("Verdicts", why)]),
+            "fixes": fixes,
+        }
+        yield lambda: {"depth_known": _tried(lambda: depth_known(source), depth_unknown) if in_depth else {}}
+        yield lambda: {"space": self._in_space() if in_space else self._space.sent}
+        while self._unsaid:
+            self._say(self._unsaid.pop())
+        last = header(self._history)
+        yield lambda: last
 
     def close(self) -> None:
         """End all that runs for this tab."""
@@ -207,7 +227,7 @@ class Session:
         """Page of the design report, made in a process of its own that ends with the tab."""
         job = ProcessJob(run_report, self.design)
         self._reports.append(job)
-        self._later.do("runs", self._look_after_runs, None, TICK)
+        self._later.do("runs", self._look_after_runs, None, TICK, aside=False)
         while isinstance(state := job.poll(), Progress):
             await asyncio.sleep(TICK)
         self._reports.remove(job)
@@ -296,6 +316,11 @@ class Session:
         """Take note of the message."""
         self._say("")
 
+    def show(self, tab: str, sizes: dict[str, Any]) -> None:
+        """Look at another view, whose pictures have so much room."""
+        self.resize(sizes)
+        self.look("tab", tab)
+
     def look(self, at: str, value: Any) -> None:
         """Look at something else: another value of a `Look`'s fields."""
         with contextlib.suppress(ValueError, TypeError):
@@ -351,7 +376,7 @@ class Session:
         except InputError as error:
             self._wrong[kind] = str(error)
         else:
-            self._later.do("runs", self._look_after_runs, None, TICK)
+            self._later.do("runs", self._look_after_runs, None, TICK, aside=False)
 
     def cancel_run(self, kind: Kind) -> None:
         """End a run."""
@@ -369,14 +394,11 @@ class Session:
     def _source(self) -> PictureSource:
         design = self.design.thin_twin
         results = {kind: run.result for kind, run in self._runs.items() if run.result is not None}
-        return PictureSource(design, self.design, self._evaluation, self._look, self._limits, results)
-
-    def _evaluation(self) -> Evaluation:
-        """Evaluation of the thin-lens model at once; that of the real lens once it has been traced."""
-        # In the loop, not in a thread: compiled kernels may not be entered by two threads at once.
-        return explored_lens(self.design).evaluation(
-            self.design, self._evaluated, lambda: self._after_a_pause(_traced)[1]
-        )
+        # Evaluation of the thin-lens model at once; that of the real lens once it has been traced.
+        lens = explored_lens(self.design)
+        traced = self._after_a_pause(_traced)[1] if lens.twin else None
+        evaluation = partial(lens.evaluation, self.design, self._evaluated, traced)
+        return PictureSource(design, self.design, evaluation, self._look, self._limits, results)
 
     def _fixes(self) -> list[dict[str, str]]:
         """Proposals to mend the design; without their outcome while it is still being changed."""
@@ -396,19 +418,16 @@ class Session:
 
     def _look_after_runs(self) -> None:
         if any(isinstance(job.poll(), Progress) for job in self._jobs):
-            self._later.do("runs", self._look_after_runs, None, TICK)
+            self._later.do("runs", self._look_after_runs, None, TICK, aside=False)
 
     def _in_space(self) -> dict[str, Any]:
-        shown = self._opened and self._look.tab == "space"
-        if not shown:
-            return self._space.sent
         try:
             return self._space.parcel(self.design.thin_twin, self._theme)
         except FAULTS as error:
-            self._say(f"The instrument in 3D cannot be drawn: {cause(error)}")
+            self._unsaid.append(f"The instrument in 3D cannot be drawn: {cause(error)}")
             return self._space.clear(self.design.thin_twin, self._theme)
 
-    def _draw(self, name: str, source: PictureSource) -> str:
+    def _picture(self, name: str, source: PictureSource) -> dict[str, str]:
         """The picture, as it was drawn last where nothing about it has changed; why not where it cannot be drawn."""
         drawing, look = DRAWINGS[name], (self._sizes[name], self._theme)
         before = self._drawn.get(name, (None, None, ""))[0]
@@ -416,7 +435,7 @@ class Session:
         try:
             inputs = drawing.inputs(source)
             if inputs is None:
-                return ""
+                return {_key(name): ""}
             wanted = (*inputs, *look)
             if wanted != before:
                 picture = drawing.make(*wanted[:-1])
@@ -424,9 +443,9 @@ class Session:
         except FAULTS as error:
             if wanted != before:
                 words = f"{drawing.label} cannot be drawn: {cause(error)}"
-                self._say(words)
+                self._unsaid.append(words)
                 self._drawn[name] = (wanted, None, notice(name, words, self._sizes[name]).svg(self._theme))
-        return self._drawn[name][2]
+        return {_key(name): self._drawn[name][2]}
 
     def _place(self, picture: str, x: float, y: float, gesture: str = "") -> None:
         """Look at a microlens, or move the pupil, to where a picture has it."""
@@ -452,6 +471,11 @@ class Session:
             self._go(State.of(read()))
         except DesignError as error:
             self._say(str(error))
+
+
+def _key(name: str) -> str:
+    """Name of a drawing's value on the page."""
+    return f"picture_{name.replace('-', '_')}"
 
 
 def _tried(find: Callable[[], Known], otherwise: Callable[[str], Known]) -> Known:

@@ -311,6 +311,26 @@ def test_microlenses_are_chosen_by_name_click_and_key_and_shown_with_and_without
     assert whole == {"instrument": False, "with object": True}
 
 
+def test_a_view_is_shown_at_once_whatever_the_server_is_at(same_page):
+    page = same_page
+    page.click("[data-testid=menu-open] summary")
+    selected, busy = page.evaluate(
+        """async () => {
+        const list = document.querySelector(".preset select"), tab = document.querySelector("#tab-depth");
+        list.value = "cystoscope";
+        list.dispatchEvent(new Event("change"));
+        tab.click();
+        await new Promise((done) => setTimeout(done, 0));
+        return [tab.getAttribute("aria-selected"), document.documentElement.dataset.busy];
+    }"""
+    )
+    assert (selected, busy) == ("true", "yes")
+    idle(page)
+    assert page.locator("[data-picture=depth] svg").is_visible()
+    assert title(page) == load("cystoscope").name
+    click(page, "#tab-camera")
+
+
 def test_on_a_narrow_screen_the_numbers_lie_under_a_sheet(same_page):
     page = same_page
     page.set_viewport_size({"width": 420, "height": 900})

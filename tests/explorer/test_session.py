@@ -91,6 +91,26 @@ def test_every_view_is_drawn_of_presets_of_every_kind(name):
     assert page["space"]["meshes"]
 
 
+def test_the_page_comes_in_parts_what_takes_no_time_first():
+    async def play():
+        session = Session(PAPER)
+        session.opened("", "light", {})
+        parts = [part() for part in session.parts()]
+        whole = session.page()
+        session.close()
+        return parts, whole
+
+    parts, whole = asyncio.run(play())
+    assert {"groups", "tab", "title"} <= parts[0].keys()
+    drawn = [[key for key in part if key.startswith("picture_")] for part in parts]
+    assert drawn[0] == []
+    assert [key for keys in drawn for key in keys] == [
+        f"picture_{n}" for n in ("meridional", "microlens", "mla_map", "matching_plane")
+    ]
+    assert max(map(len, drawn)) == 1
+    assert whole.keys() == set().union(*parts)
+
+
 def undrawn(page):
     """Names of the pictures that a sentence stands for."""
     return {name for name in DRAWINGS if 'data-testid="undrawn"' in page.get(f"picture_{name.replace('-', '_')}", "")}

@@ -2,18 +2,22 @@
    It decides nothing about a design; it asks the server, one request at a time, and of a slider only the last place. */
 (function () {
   "use strict";
-  const { inject, onMounted, onBeforeUnmount, ref, shallowRef, markRaw, toRaw, computed, watch, nextTick } = window.Vue;
+  const { inject, reactive, onMounted, onBeforeUnmount, ref, shallowRef, markRaw, toRaw, computed, watch, nextTick } = window.Vue;
   const root = document.documentElement;
   let trame = null;
   let tabKey = "";
   let title = "design";
 
-  // Requests: in order, one under way; a later one of the same key replaces an earlier that still waits.
+  // Requests, in order. Of a gesture one is under way, and a later place replaces an earlier that still waits; a click
+  // goes at once, with all that waits before it: the server leaves what it draws for an older one.
   const waiting = new Map();
-  let busy = false;
+  let underway = 0;
   let serial = 0;
 
-  function ask(name, ...args) { askAs(`${name}#${serial++}`, name, ...args); }
+  function ask(name, ...args) {
+    waiting.set(`${name}#${serial++}`, [name, args]);
+    while (trame && waiting.size) send();
+  }
 
   function askAs(key, name, ...args) {
     waiting.delete(key);
@@ -21,39 +25,37 @@
     pump();
   }
 
-  async function pump() {
-    if (busy || !trame) return;
-    busy = true;
+  function pump() { if (trame && waiting.size && !underway) send(); }
+
+  async function send() {
+    const [key, [name, args]] = waiting.entries().next().value;
+    waiting.delete(key);
+    underway++;
     root.dataset.busy = "yes";
     try {
-      while (waiting.size) {
-        const [key, [name, args]] = waiting.entries().next().value;
-        waiting.delete(key);
-        try {
-          await until(await trame.trigger(name, args));
-        } catch (error) {
-          say(`The request "${name}" failed; the terminal that runs roslf explore tells why.`);
-        }
-      }
-    } finally {
-      busy = false;
-      delete root.dataset.busy;
+      await until(await trame.trigger(name, args));
+    } catch (error) {
+      say(`The request "${name}" failed; the terminal that runs roslf explore tells why.`);
     }
+    underway--;
+    if (!underway && !waiting.size) delete root.dataset.busy;
+    pump();
   }
 
   // The answer to a request may overtake what it changed: wait until the page shows that, too.
   let shown = 0;
-  let awaited = null;
+  let awaited = [];
 
   function until(serial) {
     return new Promise((done) => {
-      if (shown >= serial) done(); else awaited = { serial, done };
+      if (shown >= serial) done(); else awaited.push({ serial, done });
     });
   }
 
   function hasShown(serial) {
     shown = serial;
-    if (awaited && shown >= awaited.serial) { awaited.done(); awaited = null; }
+    for (const { done } of awaited.filter((each) => each.serial <= shown)) done();
+    awaited = awaited.filter((each) => each.serial > shown);
   }
 
   function say(text) {
@@ -209,17 +211,29 @@
 
   function turnSheet() { document.querySelector(".numbers").classList.toggle("open"); }
 
+  // The view that is shown: changed at once, whatever the server is at.
+  const view = reactive({ tab: "camera" });
+
+  async function showTab(key) {
+    view.tab = key;
+    await nextTick();
+    const now = sizes();
+    told = JSON.stringify(now);
+    ask("show", key, now);
+  }
+
   // The address holds the state, so that reloading, bookmarks and links bring it back.
   let opened = false;
   let linked = "";
 
   const Shell = {
-    props: ["link", "theme", "tabKey", "title", "answered"],
+    props: ["link", "theme", "tab", "tabKey", "title", "answered"],
     setup(props) {
       trame = inject("trame");
       tabKey = props.tabKey;
       watch(() => props.tabKey, (key) => { tabKey = key; });
       watch(() => props.title, (name) => { title = name.replace(/[^A-Za-z0-9._-]+/g, "-") || "design"; document.title = `${name} - roslf explore`; }, { immediate: true });
+      watch(() => props.tab, (tab) => { view.tab = tab; }, { immediate: true });
       watch(() => props.answered, hasShown, { flush: "post" });
       watch(() => props.link, (link) => {
         if (!opened || !link || link === linked) return;
@@ -286,7 +300,7 @@
       function release() { down = false; settle(); }
       // The server's place takes over once it has answered all that was asked.
       function settle() {
-        if (busy) { setTimeout(settle, 30); return; }
+        if (underway) { setTimeout(settle, 30); return; }
         if (!down) dragging.value = false;
       }
       function written(event) {
@@ -508,7 +522,7 @@
     },
     template: `
 <section class="card card-space" aria-label="The instrument in 3D">
-  <div class="card-head"><h2>The instrument in 3D <rx-twin :lens="lens"></rx-twin></h2><span v-if="meshes['rays centre']" class="hint key" data-testid="space-key"><span v-for="name in ['centre', 'edge', 'corner', 'blocked']" :key="name"><i :style="{ background: css(meshes['rays ' + name]) }"></i>{{ name }}</span></span><span class="hint">drag to turn, wheel to zoom, middle button to move</span>
+  <div class="card-head"><h2>The instrument in 3D <rx-twin :lens="lens"></rx-twin></h2><span v-if="meshes['rays centre']" class="hint key" data-testid="space-key"><span v-for="name in ['centre', 'edge', 'corner', 'blocked'].filter((name) => meshes['rays ' + name])" :key="name"><i :style="{ background: css(meshes['rays ' + name]) }"></i>{{ name }}</span></span><span class="hint">drag to turn, wheel to zoom, middle button to move</span>
     <button type="button" @click="home" data-testid="space-home">Whole view</button><span class="files"><button type="button" aria-label="The instrument in 3D as PNG" @click="picture">PNG</button></span></div>
   <p v-if="failed" class="note">The browser gives no WebGL 2, so there is no 3D view; all else works.</p>
   <div v-else class="picture space" data-picture="space" ref="box" tabindex="0" role="application" aria-label="3D view of the instrument; the arrow keys turn it" @keydown="turn">
@@ -606,7 +620,7 @@
       app.component("rx-bound", BoundView);
       app.component("rx-limits", LimitsView);
       app.config.globalProperties.$rx = {
-        ask, askAs, turnTheme, fetchFile, fetchPng, copyLink, upload, path, preset, toViews, tabKeys, turnSheet, closeMenus, startRun, say, reload: () => location.reload(),
+        view, showTab, ask, askAs, turnTheme, fetchFile, fetchPng, copyLink, upload, path, preset, toViews, tabKeys, turnSheet, closeMenus, startRun, say, reload: () => location.reload(),
       };
     },
   };

@@ -152,7 +152,7 @@ def depth_precision(design: Design, size: Point = (560, 320), known: KnownLength
     """
     distance, expected, sigma, blur, ahead, focus, _, counts = curve = _depth_curve(design, 121, known)
     finite = np.isfinite(expected)
-    drawn = _depth_keys(f"1 σ, {counts}") if finite.any() else ()
+    drawn = _depth_keys(design, f"1 σ, {counts}") if finite.any() else ()
     keys = [*drawn, line_key("spread of a point on the MLA (right axis)", "orange", 1.8, "7 4")]
     asked, told = _asked_of_depth(design, curve)
     across = Scale(float(distance[0]), float(distance[-1]))
@@ -179,8 +179,8 @@ def depth_precision(design: Design, size: Point = (560, 320), known: KnownLength
         dots.append(Dots([ahead], [focus], "vermillion", size=6, edge="ground", width=2))
     marks: tuple[Mark, ...] = (
         Line([ahead] * 2, [up.low, up.high], "grey", 1.2, "6 3"),
-        Line(distance[finite], sigma[finite], *BOUND, testid="sigma-curve"),
         Line(distance[finite], expected[finite], "blue", 2.2, testid="depth-curve"),
+        Line(distance[finite], sigma[finite], *BOUND, testid="sigma-curve"),  # on top, as they may coincide
         *dots,
         *(replace(mark, y=[up.low, up.high]) if isinstance(mark, Line) else mark for mark in asked),
         Text(ahead, up.high, words, "ink", SMALL, "start", start - at, 14, halo=True),
@@ -198,11 +198,12 @@ def depth_precision(design: Design, size: Point = (560, 320), known: KnownLength
     return picture.with_panels(spread)
 
 
-def _depth_keys(counts: str) -> tuple[Key, Key]:
+def _depth_keys(design: Design, counts: str) -> tuple[Key, Key]:
     """Keys of depth as expected, of what it counts, and of its bound."""
+    by = "photons and read noise" if design.depth.disparity_error is None else "the disparity error that is given"
     return (
         line_key(f"u_Z, depth, expected, {counts}", "blue", 2.2),
-        line_key("σ_Z, its bound by photons and read noise", *BOUND),
+        line_key(f"σ_Z, its bound by {by}", *BOUND),
     )
 
 
@@ -274,7 +275,7 @@ def depth_over_field(design: Design, size: Point = (560, 320)) -> Picture:
         drawn = Dots(place[known][:1], shown[known][:1], "blue", size=6, testid="field-curve")
     marks = (*_unknown(place, known, up), Line(place[known], bound[known], *BOUND), drawn)
     labels = "microlens, from the field's centre to its corner [mm]", "depth, 1 σ [mm]"
-    curves = _depth_keys("in the plane in focus, lengths as drawn") if known.any() else ()
+    curves = _depth_keys(design, "in the plane in focus, lengths as drawn") if known.any() else ()
     keys = [*curves, *([] if known.all() else [UNKNOWN])]
     ends = [f"{short(float(value), 3)} mm" if math.isfinite(value) else "unknown" for value in expected[[0, -1]]]
     title = f"Depth, expected, of {design.name} over the field: {ends[0]} at its centre, {ends[1]} at its corner"
