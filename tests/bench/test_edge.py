@@ -49,13 +49,13 @@ def test_views_refocused_to_the_edge_are_as_sharp_as_one():
 @pytest.mark.parametrize("look", [edges_in_view, lambda field: edges_refocused(field, 0.2)])
 def test_errors_hold_the_truth(look):
     truth, off = gaussian(0.5, 0.6), []
-    for seed in range(60):
+    for seed in range(30):
         field = edge_field(np.random.default_rng(seed), sigma=0.6, slope=0.2, noise=0.02, uneven=0.01, views=3)
         value, sigma = limit_of(look(field), 0.5)
         off.append((value - truth) / sigma)
-    assert np.sum(np.abs(off) < 2) >= 53  # 57 of 60 expected; 53 or more in 97 of 100
-    assert 0.75 < np.std(off) < 1.3
-    assert abs(np.mean(off)) < 0.35
+    assert np.sum(np.abs(off) < 2) >= 26  # 28.6 of 30 expected; 26 or more in 96 of 100
+    assert 0.65 < np.std(off) < 1.4
+    assert abs(np.mean(off)) < 0.5
 
 
 def square_field(rng, side=24.0, noise=0.01, sigma=0.6, size=(56, 74)):
@@ -72,7 +72,7 @@ def square_field(rng, side=24.0, noise=0.01, sigma=0.6, size=(56, 74)):
 
 def test_square_has_four_edges_and_their_mean_is_its_contrast():
     off = []
-    for seed in range(20):
+    for seed in range(10):
         responses = edges_in_view(square_field(np.random.default_rng(seed)))
         assert len(responses) == 4
         value, sigma = limit_of(responses, 0.5)

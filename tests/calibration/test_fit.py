@@ -246,7 +246,7 @@ def test_boards_that_do_not_determine_the_camera_are_refused_by_name(captures, s
         calibrate(captured(captures, seed), SHEET, guess=guess)
 
 
-@pytest.mark.parametrize(("tilt", "seeds"), [(0.0, (1,)), (0.3, (1,)), (1.0, (3, 14))])
+@pytest.mark.parametrize(("tilt", "seeds"), [(0.3, (1,)), (1.0, (3, 14))])
 def test_noise_is_not_taken_for_tilt(tilt, seeds):
     """The noise of parallel boards looks like small tilts, of which a fit makes an A several times too large."""
     said = r"A.* not determined: the boards are all parallel.* tilt them by 20"

@@ -72,12 +72,12 @@ def off(figure, truth):
     {"prnu": 0.003, "dsnu": 0.4, "count": 4},
 ], ids=["fine steps", "noisy", "even pixels, four frames"])  # fmt: skip
 def test_figures_are_within_their_errors(sensor):
-    """Of four draws of four figures: within two errors but by chance, which puts more than three out once in
-    150; and errors are no excuse."""
+    """Of two draws of four figures: within two errors but by chance, which puts more than two out once in 170; and
+    errors are no excuse."""
     sensor = {"gain": GAIN, "read": READ, "prnu": PRNU, "dsnu": DSNU, "peak": PEAK, "count": 2} | sensor
     peak, count = sensor.pop("peak"), sensor.pop("count")
     misses = []
-    for seed in range(4):
+    for seed in range(2):
         drawn = Drawn(seed, **sensor)
         found = measured([drawn.frames(peak, count)], drawn.frames(0, count))
         assert found.untold == ()
@@ -88,7 +88,7 @@ def test_figures_are_within_their_errors(sensor):
         assert peak * 0.9 < found.full_well.value < peak * 1.1
         misses += [off(getattr(found, name), sensor[name]) for name in ("prnu", "dsnu", "gain")]
         misses.append(off(found.read_noise, sensor["read"]))
-    assert np.sum(np.abs(misses) > 2) <= 3
+    assert np.sum(np.abs(misses) > 2) <= 2
     assert np.max(np.abs(misses)) < 4
 
 

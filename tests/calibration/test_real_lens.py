@@ -72,9 +72,8 @@ def test_m_and_d_2_of_the_principal_planes_come_back(lens):
     assert max(fit.scales) < 2
 
 
-@pytest.mark.parametrize("lens", LENSES)
-def test_intervals_behind_a_real_lens_hold_the_truth(lens):
-    design, corners = behind(lens)
+def test_intervals_behind_a_real_lens_hold_the_truth():
+    design, corners = behind("singlet")  # of both the one whose field curves more
     true, ideal = camera_of(design), sheet_of(design)
     truth = {"A": true.A, "m": true.m, "d_2": design.d_2, "d_1": design.d_1, "d_3": design.d_3, "d_f": design.d_f}
     held = {68: 0, 95: 0}
@@ -119,8 +118,9 @@ def test_a_prescription_asks_for_distortion():
 
 
 def test_residuals_ask_for_distortion_and_an_ideal_lens_does_not():
-    straight = captured(Captures(boards=8, noise=0.02, offset=15.0), 3)
-    bent = captured(Captures(boards=8, noise=0.02, offset=15.0), 3, camera=replace(CAMERA, k_1=1.0, c_1=2.0, b_1=2.0))
+    straight = captured(Captures(boards=8, views=3, noise=0.02, offset=15.0), 3)
+    camera = replace(CAMERA, k_1=1.0, c_1=2.0, b_1=2.0)
+    bent = captured(Captures(boards=8, views=3, noise=0.02, offset=15.0), 3, camera=camera)
     fit, plain, tries = fitted(bent, SHEET)
     (found, _), said = with_distortion(fit, plain, IdealMainLens(), None)
     assert tries == [0, 1]
@@ -138,7 +138,7 @@ def test_residuals_ask_for_distortion_and_an_ideal_lens_does_not():
 
 
 def test_boards_that_are_parallel_stay_refused():
-    fit, plain, tries = fitted(captured(Captures(tilt=0.0), 1), SHEET)
+    fit, plain, tries = fitted(captured(Captures(tilt=0.0, boards=4), 1), SHEET)
     with pytest.raises(CalibrationError, match="all parallel"):
         with_distortion(fit, plain, IdealMainLens(), None)
     assert tries == [0, 1]

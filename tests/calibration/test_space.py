@@ -147,9 +147,8 @@ def test_scopes_that_ship_go_to_their_boards_medium_and_back(name):
         assert ruler[symbol] == pytest.approx(getattr(design, symbol), rel=1e-9), symbol
 
 
-@pytest.mark.parametrize("name", ["window", "lens and window"])
-def test_plans_through_elements_promise_what_calibrations_scatter_by(name):
-    design = DESIGNS[name]
+def test_plans_through_elements_promise_what_calibrations_scatter_by():
+    design = DESIGNS["lens and window"]
     captures = replace(Captures.for_design(design, boards=6, board=Board(4, 5, 6.0)), views=3)
     sheet = replace(sheet_of(design), f_sigma=0.0, d_sigma=0.0, cell_sigma=0.0)
     promised, camera = expected_errors(camera_of(design), sheet, captures, samples=16), camera_of(design)
@@ -218,7 +217,7 @@ def test_what_is_not_known_of_elements_scatters_calibrations_as_told():
         slope = (true.m - true.A / z) * true.A * true.inverse_d_2
         missed.append(told.A / (told.m - slope * told.d_2 / told.A) + told.pupil - distances)
     normal = laplace_draws(fit, sheet, 4000, np.random.default_rng(0))
-    for draws in (normal, sample_posterior(fit, sheet, seed=1, chunk=200, most_steps=200)):
+    for draws in (normal, sample_posterior(fit, sheet, seed=1, chunk=60, most_steps=60)):
         promised = sheet.space_at(draws.quantities).ruler(draws.quantities)
         spread = [promised[name].std() for name in ("d_3", "d_1", "d_2")]
         np.testing.assert_allclose(np.std(off, axis=0), spread, rtol=0.45)  # 24 instruments: 15 %
