@@ -8,18 +8,13 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image
-from scipy import ndimage
 
 import roslf_design as roslf
-from roslf_design.calibration import Board, observe_pictures
 from roslf_design.calibration.decoding import decode
-from roslf_design.calibration.fit import _step_one, fit_lines
 from roslf_design.calibration.lattice import CentreLattice
-from roslf_design.calibration.model import project_boards, rotation_matrix
 from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.depth.captured import on_array
-from roslf_design.depth.estimate import PixelNoise, estimate_disparity
 from roslf_design.depth.geometry import ArrayGeometry
 from roslf_design.depth.measure import simulate
 from roslf_design.depth.pictures import PictureOptions, lattice_of
@@ -32,7 +27,6 @@ from roslf_design.imaging.render import render
 from roslf_design.scenes import make_scene
 from roslf_design.theory.length_covariance import LengthCovariance
 from roslf_design.theory.photometry import dark_variance
-from tests.depth.made import field_of
 
 REGION = Region(2200, 1440, 200, 200)
 """15 x 15 microlenses about the axis of the paper's camera."""
@@ -318,53 +312,6 @@ def test_views_without_texture_are_unknown(tmp_path, capsys):
     data = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
     assert data["points"] == []
     assert data["summary"]["measured"] == 0
-
-
-def test_a_plane_in_real_views_comes_out_plane(shared_data):
-    """A flat board before a Lytro, from nine sides: its central views laid on a plane 3 mm before the board.
-
-    Each capture is one view only: the board moved and the camera stood, which is as good as a camera that moved. Where
-    it stood follows from corners; that the board is flat between them, nobody told the estimator.
-    """
-    folder = shared_data / "lytro-checkerboard"
-    pictures = {path.name: np.asarray(Image.open(path).convert("L")) for path in sorted(folder.glob("*.png"))}
-    observations = observe_pictures(pictures, Board(23, 20, 4.0))
-    found = _step_one(observations, fit_lines(observations), 1.0, 1.0, distortion=2)
-    turn, away = rotation_matrix(found.poses.rotation), found.poses.translation
-    cameras = -np.einsum("bji,bj->bi", turn, away)
-    step, before = 0.5, 3.0  # mm
-    x, y = np.meshgrid(np.arange(-40, 40.1, step), np.arange(-12, 12.1, step))
-    plane = np.stack([x, y, np.full_like(x, before)], -1).reshape(-1, 3)
-    at = project_boards(found.camera.vector(), found.poses.vector, plane, np.zeros((1, 2))).values[:, 0]
-    at = at.reshape(9, *x.shape, 2)
-    views = np.stack([
-        ndimage.map_coordinates(picture.astype(float), [places[..., 1], places[..., 0]], order=3)
-        for picture, places in zip(pictures.values(), at, strict=True)
-    ])  # fmt: skip
-    views /= ndimage.uniform_filter(views, (0, 33, 33))  # the light on the board, over four cells
-    # What is `before` behind the plane moves by so much of it from the middle to each camera.
-    pupil = np.stack([(cameras[:, k, None, None] - axis) / cameras[:, 2, None, None] for k, axis in ((0, x), (1, y))])
-    wide = np.ptp(pupil.mean(axis=(2, 3)), axis=1).max()
-    field = field_of(views.reshape(3, 3, *x.shape), np.ones((3, 3, *x.shape), np.float32))
-    unit = wide / step  # pitches over all cameras per mm
-    where, noise = (pupil / wide).reshape(2, 3, 3, *x.shape), 0.1
-    measured = estimate_disparity(
-        field, where, PixelNoise(1e8, 1e8 * noise, measured=True), search=((before - 6) * unit, (before + 6) * unit),
-        window=7,
-    )  # fmt: skip
-    known = measured.measured
-    assert known.mean() > 0.9
-    depth = measured.disparity[known] / unit
-    columns = np.stack([np.ones(depth.size), x[known], y[known]], -1)
-    level, along, down = np.linalg.lstsq(columns, depth, rcond=None)[0]
-    off = depth - columns @ (level, along, down)
-    # Views of this Lytro are interpolated: their noise is alike in neighbours, which makes errors larger.
-    inside = np.abs(off) < measured.sigma[known] / unit
-    assert 0.5 < inside.mean() < 0.75
-    # At 132 to 189 mm, with pixels of 0.3 mm there: residual 0.05 mm, tilt below 0.1 degrees, 0.06 mm nearer.
-    assert np.sqrt(np.mean(off**2)) < 0.08
-    assert np.hypot(along, down) < np.radians(0.15)
-    assert abs(level - before) < 0.1
 
 
 # --- refusals ---------------------------------------------------------------------------------------------------------
