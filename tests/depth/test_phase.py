@@ -230,10 +230,10 @@ def test_rims_that_move_over_a_microlens_shift_nothing(monkeypatch):
     assert MicrolensImages(Camera.of(design), [place]).shapes.kept_fraction < 0.9
     texture = {"kind": "noise", "finest": 2.5 * step, "contrast": 0.1, "seed": 1}
     scene = make_scene({"objects": [{"kind": "plane", "distance": 18.0, "texture": texture}]})
-    trial = simulate(design, scene, PictureOptions(region=region_about(design, place, 17), rays=32))
+    trial = simulate(design, scene, PictureOptions(region=region_about(design, place, 13), rays=32))
     off = trial.first.disparities.disparity[trial.compared]
-    assert off.size > 150
-    # Rays scatter by .007 in each of some nine windows.
+    assert off.size > 80
+    # Rays scatter by .007 in each of some five windows, by .003 in their mean.
     assert abs(off.mean()) < 0.007
 
 

@@ -268,23 +268,16 @@ def test_waves_behind_a_lens_without_faults_are_those_of_an_ideal_one(focal_leng
         np.testing.assert_allclose(shown, wanted, atol=0.01)
 
 
-@pytest.mark.parametrize(
-    ("away", "size", "exposure", "diameter"),
-    [(1690, 19.0, 1.5e-3, None), (1115, 13.0, 8.7e-3, 16.0)],
-)
-def test_a_wall_stands_where_it_is(design, away, size, exposure, diameter):
-    # 5.4 mm off the axis astigmatism and field curvature move views by one and a half pitches to each side, 8.2 mm by
-    # three and a half, and light of neighbours in them sees as far away; half of the wall was unknown there.
-    # A smaller lens cuts images to two thirds, by rays; they were told apart as if whole, by first order to 72 %.
-    design = design.replace(
-        {"microlens_array.size": (size, 2.0), "light.exposure": exposure, "main_lens.diameter": diameter}
-    )
+def test_a_wall_stands_where_it_is(design):
+    # 8.2 mm off the axis astigmatism and field curvature move views by three and a half pitches to each side, and light
+    # of neighbours in them sees as far away; half of the wall was unknown there.
+    design = design.replace({"microlens_array.size": (19.0, 2.0), "light.exposure": 1.5e-3})
     camera = Camera.of(design.thin_twin)
     z = float(depth_of(camera, np.asarray(DISPARITY)))
     texture = Noise(finest=5 * float(QUANTITIES["object_sample_mm"](camera)), contrast=0.2, seed=5)
     scene = Scene(objects=(Plane(distance=z, texture=texture),))
     width, height = camera.pixels
-    region = (width // 2 - 65 + away, height // 2 - 65, 130, 130)
+    region = (width // 2 - 52 + 1690, height // 2 - 52, 104, 104)
     trial = roslf.measure_depth(design, scene, region=region, rays=100)
     first = trial.first
     assert first.measured.mean() > 0.95
@@ -406,7 +399,7 @@ def test_where_rays_fold_nothing_is_said_of_where_views_look(tmp_path):
         u, v = (np.round(np.linspace(a, b, 24) / pitch) for a, b in zip(low, high, strict=True))
         told = slopes(u, v)
         shares.append(np.isfinite(told).mean())
-        for row, column in np.argwhere(np.isfinite(told))[::60]:
+        for row, column in np.argwhere(np.isfinite(told))[::150]:
             near = slopes(u[column] + np.arange(-1.0, 2.0), v[row] + np.arange(-1.0, 2.0))[1, 1]
             assert abs(told[row, column] - near) < 0.1
     assert shares[0] > 0.5 > 0.1 > shares[1]
