@@ -1,5 +1,6 @@
 """Every method of every quantity against references, the references against others, and the rates theory gives."""
 
+import functools
 import math
 from statistics import NormalDist
 
@@ -124,7 +125,7 @@ def test_series_is_a_sum_over_explicit_neighbours():
     assert np.abs(reference(job).reshape(side, side)[5:8, 3:6] - pixels).max() < 4e-3
 
 
-@pytest.mark.parametrize("name", ["paper", "rigid-scope", "ear-speculum"])
+@pytest.mark.parametrize("name", ["rigid-scope", "ear-speculum"])
 def test_light_of_neighbours_added_one_by_one_is_the_series(name):
     """Field over the aperture, squared, against a transfer of frequencies: to what the former is known to."""
     rng = np.random.default_rng(31)
@@ -371,6 +372,7 @@ def errors_of(one, jobs, levels, seeds=(0,)):
     ]
 
 
+@functools.cache
 def cat_eyes(count=24):
     rng, eyes = np.random.default_rng(3), []
     while len(eyes) < count:

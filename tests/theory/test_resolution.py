@@ -167,7 +167,7 @@ def test_the_finest_microlenses_take_no_more_rows_of_the_pupil():
 
     class ManyRows(FieldTransfer):
         def _rows(self, up, steps):
-            return 6000
+            return 1500
 
     fine = transfer_of(PAPER.replace(d=63e-6), 215.0)
     nu = np.array([0.01, 0.1, 0.3, 0.6]) / fine._width
