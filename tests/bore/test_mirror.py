@@ -70,7 +70,7 @@ def folded(draw, base=PAPER):
 
 
 @given(folded(), st.integers(0, 10**6))
-@settings(max_examples=150)
+@settings(max_examples=50)
 def test_rays_in_unfolded_space_are_those_reflected_in_real_space(design, seed):
     if design is None:
         return
@@ -96,7 +96,7 @@ REAL = {
 
 
 @given(st.data(), st.sampled_from(sorted(REAL)), st.booleans(), st.integers(0, 10**6))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_rays_of_real_main_lenses_are_those_reflected_in_real_space(data, name, reversed_, seed):
     """Through its surfaces, then past and off all that stands before it: where they go, and who of them gets there."""
     design = data.draw(folded(REAL[name].replace({"main_lens.reversed": reversed_})))

@@ -45,7 +45,6 @@ def holds(scores, least=0.61, most=0.75):
     ("disparity", "electrons", "contrast", "cut"),
     [
         (0.0, 10_000, 0.1, None),
-        (0.7, 10_000, 0.1, None),
         (-3.3, 1_000, 0.15, None),
         (1.2, 300, 0.3, 0.35),
         (2.4, 3_000, 0.15, 0.7),

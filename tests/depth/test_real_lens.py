@@ -203,6 +203,20 @@ def test_light_of_cut_images_is_where_rays_come_through():
         np.testing.assert_allclose(parts.light[parts.steps.index(step), 0], wanted, atol=0.007)
 
 
+def test_images_are_cut_as_far_as_rays_come_through():
+    # To 68 %; by first order to another share, and walls there were once told of as if images were whole.
+    design, place = roslf.load("paper-singlet").replace({"main_lens.diameter": 16.0}), np.array([5.4, 0.0])
+    camera, oracle = Camera.of(design.thin_twin), Snell(design)
+    by_first_order = MicrolensImages(camera, place[None])
+    cut = TracedViews(design, camera, lambda b: depth_of(camera, b)).cut(by_first_order)
+    side = np.linspace(-0.5, 0.5, 61)
+    points = np.stack(np.meshgrid(side, side), -1).reshape(-1, 2)
+    pupil = oracle.mounted.fap.diameter * points[np.hypot(*points.T) < 0.5]
+    share = (views(oracle.mounted, place, oracle.seeing(place, pupil), clip=False).margin >= 0).mean()
+    assert cut.shapes.kept_fraction.item() == pytest.approx(share, abs=0.02)
+    assert abs(by_first_order.shapes.kept_fraction.item() - share) > 0.04
+
+
 def test_images_between_those_worked_out_are_as_snell_has_them(design):
     # They grow with the square of the height: linear from corner to corner they were 0.2 % off, and rims of images that
     # touch then give light to the wrong microlens, which looks a pitch aside.
