@@ -21,7 +21,7 @@ from studies.accuracy.oracles.textbook import TEXTBOOK, overlap
 from tests.theory.designs import arguments, random_designs
 
 CASES = {case.name: case for case in all_cases()}
-DESIGNS = ("paper", "ear-speculum", "mismatched-borescope")
+DESIGNS = ("paper", "ear-speculum")
 PAPER = roslf.load("paper")
 
 
@@ -109,7 +109,7 @@ def test_page_holds_every_case_and_repeats_itself():
 
 # --- the references: two derivations, one number ----------------------------------------------------------------------
 
-CAMERAS = tuple(random_designs(60, seed=7))
+CAMERAS = tuple(random_designs(30, seed=7))
 
 
 @pytest.mark.parametrize("name", sorted(ORACLES))

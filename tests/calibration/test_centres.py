@@ -26,8 +26,7 @@ def rms(vectors):
     return float(np.sqrt(np.mean(vectors**2)))
 
 
-@pytest.mark.parametrize("layout", ["square", "hexagonal"])
-@pytest.mark.parametrize("fill", [0.9, 1.0])
+@pytest.mark.parametrize(("layout", "fill"), [("square", 1.0), ("hexagonal", 0.9)])
 def test_clean_white_image_gives_centres_below_two_thousandths_of_a_pixel(layout, fill):
     truth = nodes_over((600, 600), PITCH, ROTATION, layout, (1.3, 0.4))
     found = find_centres(white_image((600, 600), truth, fill * PITCH / 2, noise=0.01))
@@ -57,10 +56,14 @@ def test_cats_eyes_do_not_bias_the_lattice(layout, sign):
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("layout", ["square", "hexagonal"])
 @pytest.mark.parametrize(
-    ("share", "aside", "pedestal", "rim"),
-    [(0.45, (0, 0), 0.0, 1), (0.45, (0, 0), 0.08, 1), (0.2, (90, -60), 0.08, 1), (0.25, (-80, 40), 0.1, 40)],
+    ("layout", "share", "aside", "pedestal", "rim"),
+    [
+        ("square", 0.45, (0, 0), 0.0, 1),
+        ("hexagonal", 0.2, (90, -60), 0.08, 1),
+        ("square", 0.25, (-80, 40), 0.1, 40),
+        ("hexagonal", 0.25, (-80, 40), 0.1, 40),
+    ],
 )
 def test_a_round_field_is_measured_where_it_is_lit(layout, share, aside, pedestal, rim):
     """As an endoscope shows it: a disc of light, sharp or fading at its rim, on a sensor with or without a pedestal."""
@@ -163,7 +166,7 @@ def test_lenses_beyond_the_promised_radius_are_left_out():
 
 @pytest.mark.parametrize(
     ("layout", "pitch", "degrees"),
-    [("square", 6.3, 12), ("hexagonal", 6.3, -20), ("square", 79.7, 3), ("hexagonal", 80.0, 17), ("square", 31.4, 40)],
+    [("square", 6.3, 12), ("hexagonal", 80.0, 17), ("square", 31.4, 40)],
 )
 def test_any_pitch_and_rotation_without_knowing_them(layout, pitch, degrees):
     shape = (700, 820) if pitch > 20 else (350, 410)

@@ -32,9 +32,9 @@ from tests.calibration.made import CAMERA, SHEET, captured, poses_of, study
 
 @pytest.fixture(scope="module")
 def coverage(root):
-    """Many synthetic calibrations with known truth: the study's, of posteriors no longer than they need be."""
+    """Many synthetic calibrations with known truth: the study's, their posteriors good to a tenth of a sigma."""
     module = study(root / "studies" / "calibration-coverage" / "coverage_study.py")
-    module.sample_posterior = lambda *given, chunk, **keys: sample_posterior(*given, chunk=chunk // 2, **keys)
+    module.sample_posterior = lambda *given, chunk, **keys: sample_posterior(*given, chunk=50, most_steps=100, **keys)
     return module.coverage
 
 
@@ -118,17 +118,11 @@ def test_posterior_is_the_normal_law_of_the_fisher_matrix_near_its_peak(fit, pos
         posterior.draws("d_4")
 
 
-def test_same_seed_same_draws_however_evaluated(fit):
-    runs = [sample_posterior(fit, SHEET, seed=5, chunk=20, most_steps=20) for _ in range(2)]
-    for other in runs[1:]:
-        np.testing.assert_array_equal(runs[0].parameters, other.parameters)
-        np.testing.assert_array_equal(runs[0].quantities["d_2"], other.quantities["d_2"])
-    different = sample_posterior(fit, SHEET, seed=6, chunk=20, most_steps=20)
-    assert not np.array_equal(runs[0].parameters, different.parameters)
-
-
-def test_a_short_run_says_that_it_did_not_converge(fit):
-    short = sample_posterior(fit, SHEET, seed=0, chunk=10, most_steps=10)
+def test_same_seed_same_draws_and_a_short_run_says_that_it_did_not_converge(fit):
+    short, again, other = (sample_posterior(fit, SHEET, seed=seed, chunk=10, most_steps=10) for seed in (0, 0, 1))
+    np.testing.assert_array_equal(short.parameters, again.parameters)
+    np.testing.assert_array_equal(short.quantities["d_2"], again.quantities["d_2"])
+    assert not np.array_equal(short.parameters, other.parameters)
     assert not short.converged
     assert short.message.startswith("NOT converged after 10 steps: R-hat")
 
@@ -136,7 +130,7 @@ def test_a_short_run_says_that_it_did_not_converge(fit):
 def test_distortion_is_sampled_where_asked():
     camera = replace(CAMERA, k_1=0.5, k_2=-5.0)
     fit = calibrate(captured(Captures(boards=6, views=3, offset=20.0), camera=camera), SHEET, distortion=2).fit
-    posterior = sample_posterior(fit, SHEET, seed=1, chunk=100, most_steps=100)
+    posterior = sample_posterior(fit, SHEET, seed=1, chunk=30, most_steps=30)
     assert posterior.names == ("A", "m", "inverse_d_2", "x_0", "y_0", "k_1", "k_2", "c_1", "b_1", "f")
     assert abs(posterior.draws("k_1").mean() - 0.5) < 4 * fit.covariance.sigma["k_1"]
 
@@ -169,15 +163,15 @@ def test_depth_errors_are_those_of_the_draws(fit, posterior):
 
 
 def test_intervals_of_68_percent_hold_the_truth_as_often_as_they_say(coverage):
-    found = coverage(140.0, 2.0, 120.0, SHEET, Captures(boards=6, views=3), trials=40, seed=1)
+    found = coverage(140.0, 2.0, 120.0, SHEET, Captures(boards=6, views=3), trials=24, seed=1)
     assert found.failed == 0
-    assert found.trials == 40
+    assert found.trials == 24
     low, high = found.expected
-    assert (low, high) == pytest.approx((0.475, 0.85), abs=0.03)  # binomial, 99 of 100
+    assert (low, high) == pytest.approx((0.417, 0.917), abs=0.001)  # binomial, 99 of 100
     for name, share in found.share.items():
         assert low <= share <= high, (name, share)
-        assert abs(found.pulls[name].mean()) < 0.5
-        assert 0.7 < found.pulls[name].std() < 1.35
+        assert abs(found.pulls[name].mean()) < 0.6  # three times what chance makes of 24
+        assert 0.6 < found.pulls[name].std() < 1.45
 
 
 def test_intervals_of_the_sampled_posterior_hold_too(coverage):

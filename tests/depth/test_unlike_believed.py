@@ -1,8 +1,8 @@
 """Pictures that are not as believed: other noise, overexposed, views in another order, beyond the search."""
 
+import functools
 import itertools
 import math
-from functools import partial
 
 import numpy as np
 import pytest
@@ -87,13 +87,19 @@ def turned(field_values, transposed, rows, columns):
     return values[:, ::-1] if columns else values
 
 
+@functools.cache
+def slanted():
+    """Views of a slanted wall, and their light."""
+    return views_of(lambda u: 4.0 + 0.01 * u)
+
+
 @pytest.mark.parametrize(("transposed", "rows", "columns"), list(itertools.product([False, True], repeat=3)))
 def test_every_order_of_the_views_is_put_right_but_for_half_a_turn(transposed, rows, columns):
     """Rows and columns swapped, each or both reversed: the eight ways to name a grid."""
-    views, light = views_of(lambda u: 4.0 + 0.01 * u)
+    views, light = slanted()
     values = turned(views, transposed, rows, columns)
     field = exposed(values, light, ELECTRONS, READ, 7)
-    ordered = in_order(field, partial(disagreement, across=ACROSS))
+    ordered = in_order(field, functools.partial(disagreement, across=ACROSS))
     right = exposed(views, light, ELECTRONS, READ, 7).values
     apart = [np.abs(ordered.field.values - one).mean() for one in (right, right[::-1, ::-1])]
     # Same noise in other places: two pictures of the same differ by 1.1 sigma of it on average, of others by more.
@@ -104,7 +110,7 @@ def test_every_order_of_the_views_is_put_right_but_for_half_a_turn(transposed, r
 
 def test_views_that_do_not_differ_stay_as_named():
     views, light = views_of(0.0)
-    ordered = in_order(exposed(views, light, ELECTRONS, READ, 8), partial(disagreement, across=ACROSS))
+    ordered = in_order(exposed(views, light, ELECTRONS, READ, 8), functools.partial(disagreement, across=ACROSS))
     assert ordered.order == AS_NAMED
 
 
