@@ -40,10 +40,9 @@ def test_noise_of_shared_pixels_is_that_of_their_spectrum(c, back):
     assert drawn == pytest.approx(by_waves(c, back), rel=0.1)
 
 
-@pytest.mark.parametrize("disparity", [0.4, -0.4])
-def test_the_picture_brings_back_as_much_of_an_error_as_is_seen_when_neighbours_are_taken_off(disparity):
+def test_the_picture_brings_back_as_much_of_an_error_as_is_seen_when_neighbours_are_taken_off():
     """By views that are freed along disparities that are off, again and again: nothing of waves and their sums."""
-    paper = roslf.load("paper")
+    paper, disparity = roslf.load("paper"), 0.4
     camera = Camera.of(paper.replace({"aperture.diameter": 1.4 * paper.D_F}))
     pitch = abs(float(microlens_image_pitch(camera) / camera.q))
     s, u, off = np.arange(-9, 10.0), np.arange(28.0) - 14, 0.02

@@ -23,7 +23,7 @@ from tests.theory.walks import WALKS, walk
 
 BUDGET = 4.0
 """Ulps per (1 + condition number): a chain of up to a dozen roundings, each counted in its own argument's condition."""
-DESIGNS = tuple(random_designs(120))
+DESIGNS = tuple(random_designs(60))
 BASE: dict[str, Any] = DESIGNS[0] | P1 | {"stop_diameter": 5.0, "stop_distance": 50.0, "exact": True}
 BASE |= {"depth": 90.0, "mla_distance": 140.0}
 PAPER = roslf.load("paper")
