@@ -301,9 +301,9 @@ def _view_weights(image: PupilImage, views: Array, points: int | None = None) ->
     frequency, half = (np.asarray(f(count, step), float) for f in (np.fft.fftfreq, np.fft.rfftfreq))
     # The transfer is real and even along either axis; beyond the microlens's cutoff nothing passes.
     rows, columns = (np.flatnonzero(np.abs(axis) < image.lens.cutoff) for axis in (frequency, half))
-    passed = np.zeros((count, len(half)))
-    passed[np.ix_(rows, columns)] = image.transfer(half[None, columns], frequency[rows, None])
-    spread = np.fft.fftshift(np.fft.irfft2(passed, (count, count)))
+    passed = np.zeros((count, len(columns)))
+    passed[rows] = image.transfer(half[None, columns], frequency[rows, None])
+    spread = np.fft.fftshift(np.fft.irfft(np.fft.ifft(passed, axis=0), count))
     if points is None:
         width = math.hypot(image.blur, 1.0)
         points = max(400, math.ceil(float(opening.area) * (_PER_BLUR / width) ** 2))
