@@ -21,7 +21,12 @@ for limit in ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"):
     os.environ.setdefault(limit, str(1 << 30))
 
 settings.register_profile(
-    "repeatable", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True
+    "repeatable",
+    derandomize=True,
+    deadline=None,
+    max_examples=40,  # the same in every run: the profile below looks farther
+    suppress_health_check=[HealthCheck.too_slow],
+    print_blob=True,
 )
 settings.register_profile("explore", deadline=None, max_examples=2000)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
@@ -93,14 +98,25 @@ def light_from_48_px(monkeypatch):
     monkeypatch.setattr(transfer, "LEAST_PITCHES", 0)
 
 
-@pytest.fixture
-def blank_pngs(monkeypatch):
-    """One white pixel for every picture that is saved as PNG, which takes a second: where nobody looks at them."""
+@pytest.fixture(scope="session", autouse=True)
+def blank_pngs():
+    """One white pixel for every picture that is saved as PNG, each a tenth of a second's work; what draws them else."""
     from PIL import Image
 
     stream = io.BytesIO()
     Image.new("L", (1, 1), 255).save(stream, format="png")
-    monkeypatch.setattr(Picture, "to_png", lambda *_, **__: stream.getvalue())
+    drawn = Picture.to_png
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Picture, "to_png", lambda *_, **__: stream.getvalue())
+        yield drawn
+
+
+@pytest.fixture(scope="module")
+def real_pngs(blank_pngs):
+    """Pictures as PNG as a user has them: where one looks at them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Picture, "to_png", blank_pngs)
+        yield
 
 
 @pytest.fixture

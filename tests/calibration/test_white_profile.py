@@ -167,7 +167,7 @@ def test_pupils_that_darken_towards_the_rim(law):
     assert abs(found.veil - 0.03) < 2 * found.sigma[1]
 
 
-def test_decode_tells_it(tmp_path, capsys, blank_pngs):
+def test_decode_tells_it(tmp_path, capsys):
     """From files of counts, with a black level: with its dark frame, and without one, where it is in the veil."""
     image = taken(PAPER, 0.93, 0.04)
     above_black = image.pixels * LIGHT / PAPER.sensor.full_well * (4095 - 100)  # where the counts end, a pixel is full

@@ -25,7 +25,7 @@ distance = "350 mm"
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory):
+def written(tmp_path_factory, real_pngs):
     """A folder that the command wrote, and what its JSON says; of two exposures."""
     folder = tmp_path_factory.mktemp("depth")
     with pytest.MonkeyPatch.context() as patch:

@@ -14,6 +14,7 @@ from page_blocks import blocks, pictures
 from roslf_design.tolerancing import budgets
 from tests.reporting.made import few_builds, few_waves, without_figures
 
+pytestmark = pytest.mark.usefixtures("found_once")
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
 

@@ -22,7 +22,7 @@ PAGES = [
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(DOCS).as_posix())
-def test_page_does_what_it_says(page, tmp_path, monkeypatch, request, blank_pngs):
+def test_page_does_what_it_says(page, tmp_path, monkeypatch, request):
     request.getfixturevalue("few_rays" if page.stem == "depth" else "near_light")
     thin_out(monkeypatch)
     if page.stem in ("tolerance", "report", "optimise"):  # which print no depth precision

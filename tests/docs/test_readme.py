@@ -56,7 +56,7 @@ def lines_of(root):
 
 
 @pytest.fixture
-def project(root, tmp_path, monkeypatch, near_light, few_rays, blank_pngs, found_once):
+def project(root, tmp_path, monkeypatch, near_light, few_rays, found_once):
     """A copy of the project's designs and thinned studies, as the working folder."""
     for name in ("designs", "studies"):
         shutil.copytree(root / name, tmp_path / name)

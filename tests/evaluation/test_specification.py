@@ -1,4 +1,4 @@
-"""The data sheet's lines against rays through every face of 40 random cameras with elements."""
+"""The data sheet's lines against rays through every face of 16 random cameras with elements."""
 
 import csv
 import json
@@ -102,7 +102,7 @@ def sheets():
     """Cameras, their exact rays and their lines; what single views resolve is not looked at, and most of the work."""
     with pytest.MonkeyPatch.context() as patch:
         views_as_refocused(patch)
-        return [(design, Traced(design), specification(design)) for design in cameras(40)]
+        return [(design, Traced(design), specification(design)) for design in cameras(16)]
 
 
 def unit(slope):
@@ -212,7 +212,7 @@ def test_focused_at_the_hyperfocal_distance_rays_a_pitch_apart_run_on_side_by_si
             # Of the two pairs one stays parallel, to what spherical aberration leaves of the other's angle.
             assert min(turned) < 2e-3 * max(turned), name
             seen[name] += 1
-    assert min(seen.values()) > 20
+    assert min(seen.values()) > 8
 
 
 @pytest.mark.parametrize("mapping", ["f theta", "f sin", "2f tan(theta/2)"])

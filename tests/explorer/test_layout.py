@@ -1,7 +1,7 @@
 """Every text of the explorer's page in full: none cut by what it lies in, none printed over another, none pale."""
 
 from roslf_design.design import dumps, load
-from tests.explorer.test_browser import click, idle, preset
+from tests.explorer.test_browser import WITHOUT_WEBGL, click, idle, preset
 
 FAULTS_OF_TEXTS = r"""
 () => {
@@ -98,12 +98,6 @@ SMALL, LARGE, NARROW = SIZES = ((1024, 768), (1440, 900), (390, 844))
 SEEN = {"paper": SIZES, "cystoscope": (SMALL, NARROW), "paper-singlet": (SMALL,)}
 """Screens at which each preset is looked at: every one at the one with least room beside each other."""
 TABS = ("camera", "depth", "tolerance", "optimise", "space")
-WITHOUT_WEBGL = """() => {
-  const own = HTMLCanvasElement.prototype.getContext;
-  HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
-    return kind === "webgl2" ? null : own.call(this, kind, ...more);
-  };
-}"""
 SPOILT = """() => {
   document.querySelector(".card-depth h2").style.cssText = "max-width: 3em; overflow: hidden; white-space: nowrap";
   document.querySelector("#tab-camera").style.cssText = "position: relative; left: 60px";
@@ -117,7 +111,6 @@ def faults(page):
 
 
 def test_it_fits_every_screen_and_no_text_is_cut_or_overprinted(page):
-    # The 3D drawing, in software here, takes longer than all else; its words stand without it.
     page.evaluate(WITHOUT_WEBGL)
     told = {}
     for name, sizes in SEEN.items():

@@ -107,7 +107,7 @@ def test_full_disk_leaves_nothing_behind(image, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_command_writes_image_json_and_preview(tmp_path, capsys):
+def test_command_writes_image_json_and_preview(tmp_path, capsys, real_pngs):
     (tmp_path / "board.toml").write_text(BOARD)
     common = ["render", "paper", "--scene", str(tmp_path / "board.toml"), "--region", "2000,1500,24,16", "--seed", "4"]
     assert main([*common, "-o", str(tmp_path / "a.tif"), "--preview", "--json"]) == 0

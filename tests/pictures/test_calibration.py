@@ -35,7 +35,7 @@ def pictures(outcome):
     return calibration_pictures(outcome)
 
 
-def test_every_picture_is_printed_both_ways_and_always_the_same(outcome, pictures):
+def test_every_picture_is_printed_both_ways_and_always_the_same(outcome, pictures, real_pngs):
     again = calibration_pictures(outcome)
     for name, picture in pictures.items():
         assert picture.svg() == again[name].svg()

@@ -157,7 +157,7 @@ def test_both_printers_draw_every_mark_and_say_the_same_words():
     assert len(picture(ROUND).figure().axes[0].images) == 1
 
 
-def test_same_picture_same_bytes_in_both_formats():
+def test_same_picture_same_bytes_in_both_formats(real_pngs):
     assert picture().svg() == picture().svg()
     assert picture().svg("dark") != picture().svg()
     assert picture().to_png(72) == picture().to_png(72)
@@ -175,7 +175,7 @@ def test_pictures_beside_and_below_keep_their_marks_and_identifiers_apart():
         assert "a line" in joined.svg()
 
 
-def test_drawing_leaves_matplotlibs_settings():
+def test_drawing_leaves_matplotlibs_settings(real_pngs):
     import matplotlib
 
     before = dict(matplotlib.rcParams)
@@ -210,7 +210,7 @@ def test_shades_run_over_their_ramp_and_leave_out_what_is_not_there():
 
 
 @pytest.mark.parametrize("downwards", [False, True])
-def test_an_image_stands_as_its_scale_runs(downwards):
+def test_an_image_stands_as_its_scale_runs(downwards, real_pngs):
     """Row 0 is at the lower end of the image's box, wherever the scale has that."""
     values = np.array([[0.0, 0.0], [1.0, 1.0]])
     scale = Scale(2.0, 0.0) if downwards else Scale(0.0, 2.0)

@@ -111,7 +111,7 @@ def test_every_picture_is_sound(name, theme):
     assert "nan" not in " ".join(root.itertext())
 
 
-def test_pictures_say_what_they_are_of_in_png_too():
+def test_pictures_say_what_they_are_of_in_png_too(real_pngs):
     for name in ("yield", "history", "changes"):
         assert PICTURES[name].to_png(40).startswith(b"\x89PNG")
 

@@ -49,8 +49,8 @@ def few_builds(patch):
     """A first look at tolerances by a handful of builds, at other scales by fewer; sheets' lines and maps by fewer.
 
     Resolution is rough. Without predicted depth precision, which is many times the work of all else; its curve over
-    distance, half of what a whole report takes, is a polygon too. Pages of PDFs are filled by trying two figures
-    smaller, not sixteen.
+    distance, half of what a whole report takes, is a polygon too. No figure is tried
+    smaller so that a page of a PDF is full.
     """
     rough_resolution(patch)
     look, study, over_distance = story._quick_tolerances, story.quick_study, curves._depth_curve
@@ -64,7 +64,7 @@ def few_builds(patch):
     )
     patch.setattr(datasheet, "FEW", 6)
     patch.setattr(datasheet, "MANY", 64)
-    patch.setattr(printers, "MOST_TRIED", 2)
+    patch.setattr(printers, "MOST_TRIED", 0)
     patch.setattr(story, "quick_study", without_depth)
     patch.setattr(story, "_quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
 

@@ -8,7 +8,7 @@ import pytest
 from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.commands import report as command
-from roslf_design.design import load
+from roslf_design.design import load, save
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
 from roslf_design.reporting import story
@@ -26,11 +26,12 @@ from roslf_design.reporting.story import (
 )
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.study import tolerance_plan
+from tests.optimization.posing import PAPER
 from tests.reporting import made
 
 OPTIMIZE = """
 name = "shorter"
-design = "paper"
+design = "given.toml"
 seed = 3
 [solver]
 starts = 2
@@ -49,7 +50,7 @@ direction = "min"
 """
 TOLERANCE = """
 name = "built"
-design = "paper"
+design = "given.toml"
 trials = 2000
 seed = 5
 sobol_samples = 0
@@ -66,7 +67,7 @@ STORY = """
 [story]
 title = "A short story"
 question = "Does it hang together?"
-design = "paper"
+design = "given.toml"
 [[parts]]
 optimize = "optimize.toml"
 [[parts]]
@@ -77,6 +78,8 @@ calibration = { board = "6x5 5 mm", boards = 9, tilt = "15 deg", seed = 4 }
 
 
 def write(place):
+    """The story and its studies, of the paper's camera with depth errors in closed form."""
+    save(PAPER, place / "given.toml")
     for name, text in (("optimize", OPTIMIZE), ("tolerance", TOLERANCE), ("story", STORY)):
         (place / f"{name}.toml").write_text(text)
     return place
@@ -102,10 +105,10 @@ def blocks(report, kind):
     return [block for section in report.sections for block in section.blocks if isinstance(block, kind)]
 
 
-def test_a_design_that_is_not_the_optimum_is_told_with_its_own_numbers(tmp_path, few_builds):
+def test_a_design_that_is_not_the_optimum_is_told_with_its_own_numbers(folder, few_builds):
     """Of a robust design the goal is told as it is of that design, beside the optimum's."""
     extra = '[robust]\nmaximise = "yield"\ntrials = 64\n[[robust.perturb]]\nplace = "d_2"\ntolerance = "10 um"'
-    result = run_optimisation(tomllib.loads(OPTIMIZE + extra), None, tmp_path)
+    result = run_optimisation(tomllib.loads(OPTIMIZE + extra), None, folder)
     taken = dict(result.designs())["robust.toml"]
     own = float(QUANTITIES["sigma_z_mm"](Camera.of(taken), 100.0))
     text = optimization_finding(result, "robust", "the robust design").statement.text
@@ -207,7 +210,7 @@ def test_a_study_without_a_design_tells_what_stands_in_the_way(folder, few_build
     ("change", "complaint"),
     [
         (("optimize.toml", "gone.toml"), r"parts.0.optimize: gone.toml: no such file"),
-        (('design = "paper"', 'design = "gone.toml"'), r"story.design: .*no such file"),
+        (("given.toml", "gone.toml"), r"story.design: .*no such file"),
         (('tolerance = "tolerance.toml"', ""), r"parts.1: has nothing; give each part one of"),
         (
             ('tolerance = "tolerance.toml"', 'tolerance = "tolerance.toml"\ntake = "best"'),

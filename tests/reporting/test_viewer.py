@@ -26,46 +26,54 @@ FLAGS = (
 
 
 @pytest.fixture(scope="module")
+def browser():
+    """One for both tests that look through it."""
+    if CHROMIUM is None:
+        pytest.skip("no chromium; on Debian: apt-get install chromium")
+    api = pytest.importorskip("playwright.sync_api", reason="the playwright package is not installed")
+    with api.sync_playwright() as driver:
+        running = driver.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
+        yield running
+        running.close()
+
+
+@pytest.fixture(scope="module")
 def drawing():
     """A picture that is not to be turned."""
     return depth_precision(load("paper"))
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium; on Debian: apt-get install chromium")
-def test_the_page_turns_the_scene_in_a_browser_without_a_network(tmp_path):
-    api = pytest.importorskip("playwright.sync_api", reason="the playwright package is not installed")
+def test_the_page_turns_the_scene_in_a_browser_without_a_network(tmp_path, browser):
     (tmp_path / "index.html").write_text(
         render_html(Report("a", "", (Section("Rays", (_picture_sheet(load("rigid-scope")),)),)))
     )
     asked, complaints = [], []
-    with api.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
-        page = browser.new_page(viewport={"width": 1000, "height": 800})
-        page.on("request", lambda request: asked.append(request.url))
-        page.on("console", lambda message: complaints.append(message.text))
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.goto((tmp_path / "index.html").as_uri())
-        still = page.locator("#figure-view .drawing")
-        assert still.is_visible()
-        page.get_by_role("button", name="Turn it in 3D").click()
-        page.wait_for_selector("figure[data-turned]")
-        assert not still.is_visible()
-        assert page.locator(".live .names span").all_text_contents() == ["FAP", "main lens", "MLA and sensor"]
-        drawn = page.locator(".live").screenshot()
-        page.get_by_role("button", name="From the object").click()
-        page.wait_for_timeout(300)
-        turned = page.locator(".live").screenshot()
-        page.get_by_role("button", name="As in the picture").click()
-        page.wait_for_timeout(300)
-        again = page.locator(".live").screenshot()
-        page.emulate_media(media="print")
-        assert still.is_visible()
-        assert not page.locator(".live").is_visible()
-        page.emulate_media(media="screen")
-        page.get_by_role("button", name="Back to the picture").click()
-        assert still.is_visible()
-        assert page.locator("iframe").count() == 0
-        browser.close()
+    page = browser.new_page(viewport={"width": 1000, "height": 800})
+    page.on("request", lambda request: asked.append(request.url))
+    page.on("console", lambda message: complaints.append(message.text))
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.goto((tmp_path / "index.html").as_uri())
+    still = page.locator("#figure-view .drawing")
+    assert still.is_visible()
+    page.get_by_role("button", name="Turn it in 3D").click()
+    page.wait_for_selector("figure[data-turned]")
+    assert not still.is_visible()
+    assert page.locator(".live .names span").all_text_contents() == ["FAP", "main lens", "MLA and sensor"]
+    drawn = page.locator(".live").screenshot()
+    page.get_by_role("button", name="From the object").click()
+    page.wait_for_timeout(300)
+    turned = page.locator(".live").screenshot()
+    page.get_by_role("button", name="As in the picture").click()
+    page.wait_for_timeout(300)
+    again = page.locator(".live").screenshot()
+    page.emulate_media(media="print")
+    assert still.is_visible()
+    assert not page.locator(".live").is_visible()
+    page.emulate_media(media="screen")
+    page.get_by_role("button", name="Back to the picture").click()
+    assert still.is_visible()
+    assert page.locator("iframe").count() == 0
+    page.close()
     assert colours(drawn) > 100  # shaded and blended: an empty view has two
     assert differing(drawn, turned) > 0.02
     assert differing(drawn, again) < 0.005
@@ -85,32 +93,27 @@ ATTACKS = (
 """What could get into a page that anything slips into."""
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium; on Debian: apt-get install chromium")
-def test_the_page_runs_and_loads_nothing_but_its_own_whatever_got_into_it(tmp_path, drawing):
-    api = pytest.importorskip("playwright.sync_api", reason="the playwright package is not installed")
+def test_the_page_runs_and_loads_nothing_but_its_own_whatever_got_into_it(tmp_path, browser, drawing, real_pngs):
     figures = Figure("a", "A", "", drawing.to_png(72)), Figure("b", "B", "", drawing.svg())
     still = Report("still", "", (Section("Rays", figures),))
     turned = Report("turned", "", (Section("Rays", (_picture_sheet(load("rigid-scope")),)),))
-    with api.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
-        for report in (still, turned):
-            text = render_html(report)
-            for attacks in ((), ATTACKS):
-                (tmp_path / "index.html").write_text(text.replace("<main>", f"<main>{''.join(attacks)}"))
-                page = browser.new_page()
-                asked, refused = [], []
-                page.on("request", lambda request, asked=asked: asked.append(request))
-                page.on("console", lambda message, refused=refused: refused.append(message.text))
-                page.goto((tmp_path / "index.html").as_uri())
-                # The policy refuses them before any network does.
-                assert {one.failure for one in asked if one.url.startswith("http")} <= {"csp"}
-                assert page.title() == report.title
-                assert len(refused) == len(attacks), refused
-                own = page.locator("figure svg, figure img")
-                assert all(one.bounding_box()["width"] > 10 for one in own.all())
-                assert page.evaluate("[...document.querySelectorAll('figure img')].every(one => one.naturalWidth > 0)")
-                page.close()
-        browser.close()
+    for report in (still, turned):
+        text = render_html(report)
+        for attacks in ((), ATTACKS):
+            (tmp_path / "index.html").write_text(text.replace("<main>", f"<main>{''.join(attacks)}"))
+            page = browser.new_page()
+            asked, refused = [], []
+            page.on("request", lambda request, asked=asked: asked.append(request))
+            page.on("console", lambda message, refused=refused: refused.append(message.text))
+            page.goto((tmp_path / "index.html").as_uri())
+            # The policy refuses them before any network does.
+            assert {one.failure for one in asked if one.url.startswith("http")} <= {"csp"}
+            assert page.title() == report.title
+            assert len(refused) == len(attacks), refused
+            own = page.locator("figure svg, figure img")
+            assert all(one.bounding_box()["width"] > 10 for one in own.all())
+            assert page.evaluate("[...document.querySelectorAll('figure img')].every(one => one.naturalWidth > 0)")
+            page.close()
 
 
 def test_the_policy_allows_scripts_by_what_they_say_alone(drawing):
