@@ -178,6 +178,7 @@ def test_what_is_required_says_how_many_builds_meet_it(tmp_path, capsys, monkeyp
     assert f"other values than are required: {depth['name']} (lengths as drawn). " in words
 
 
+@pytest.mark.usefixtures("rough")
 def test_the_sheet_one_signs_names_its_design_and_ends_where_depth_is_of_little_use(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
     for name, *more in (("a.json",), ("b.json", "--stamp"), ("a.html",), ("b.html", "--stamp")):
@@ -370,7 +371,7 @@ def test_a_calibrated_camera_is_not_known_worse_than_it_was_built(monkeypatch, r
     assert loose.u_z_mm > 5 * budget.u_z_mm
 
 
-def test_a_sheet_with_the_calibration_that_is_planned(tmp_path, capsys):
+def test_a_sheet_with_the_calibration_that_is_planned(tmp_path, capsys, rough):
     """U is that of the plan, at a distance asked for as well."""
     assert (
         run(capsys, "datasheet", "paper", "--calibration", "planned", "--at", "240mm", "-o", tmp_path / "a.json")[0]

@@ -18,6 +18,7 @@ sys.path.insert(0, os.path.dirname(__file__))
 from pages import blocks, run, thin_out
 
 from roslf_design.cli import COMMANDS
+from roslf_design.commands import warm
 from roslf_design.optimization import robust
 from studies.accuracy import hard_rows
 from tests.depth.made import at_first_sight
@@ -38,7 +39,8 @@ THINNER = (
     (r"focal_length<=20 mm", "focal_length<=9 mm"),  # one lens, either way round
     (
         r'(?m)^(kinds = \["microlens_arrays", "sensors"\])$',
-        r'\1\nwhere.sensors = ["pixel>=3.3 um"]\nwhere.microlens_arrays = ["pitch<=65 um"]',
+        r'\1\nwhere.sensors = ["pixel>=3.3 um", "pixel<=3.5 um"]\n'
+        r'where.microlens_arrays = ["pitch>=60 um", "pitch<=65 um"]',
     ),
     (r'(?m)^take = "parts-\d+"', 'take = "parts-01"'),
     (r"(?m)^\[solver\]\nstarts = .*\n\n", ""),
@@ -71,6 +73,7 @@ def project(root, tmp_path, monkeypatch, near_light, few_rays, found_once):
     few_waves(monkeypatch)
     at_first_sight(monkeypatch)
     monkeypatch.setattr(robust, "SHARP", robust.SHARP[:1])
+    monkeypatch.setattr(warm, "SMALL", 40)
     few = [case for case in hard_rows.all_cases() if case.name in ("d_1 → f", "discs near tangency")]
     monkeypatch.setattr(hard_rows, "all_cases", lambda: few)
     return tmp_path

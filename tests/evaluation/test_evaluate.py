@@ -127,7 +127,7 @@ def decentred(draw):
 
 
 @given(decentred())
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_verdict_of_the_field_is_that_of_the_microlenses_on_the_sensor(design):
     """Of all microlenses whose images' centres lie on the sensor, those at the border the camera's worst."""
     camera = Camera.of(design)

@@ -24,7 +24,7 @@ from roslf_design.explorer.state import FIELDS, LIGHT, STEPS, TABS
 from roslf_design.explorer.view import DRAWINGS, glance, lights, with_cards
 from roslf_design.theory.depth_budget import WARMTH
 from tests.explorer.made import made_of
-from tests.reporting.made import few_builds
+from tests.reporting.made import few_builds, without_figures
 
 PAPER = load("paper")
 NUMBERS_GONE_WRONG = re.compile(r"\b(nan|NaN|inf|None|Infinity)\b")
@@ -66,7 +66,7 @@ requests = st.one_of(
 )  # fmt: skip
 
 
-@settings(max_examples=10)
+@settings(max_examples=6)
 @given(st.lists(requests, max_size=8))
 def test_no_order_of_requests_breaks_the_page(asked):
     session = Session(PAPER)
@@ -429,6 +429,7 @@ def test_the_report_is_made_of_the_design_as_it_is_in_a_process_of_its_own(monke
 
 def test_the_report_is_the_one_of_its_command_and_tells_how_much_is_done(monkeypatch, tmp_path):
     few_builds(monkeypatch)
+    without_figures(monkeypatch)
     shares = []
     page = run_report(PAPER, lambda share, text: shares.append(share))
     assert None not in shares

@@ -280,18 +280,18 @@ def test_builds_that_are_no_cameras_are_counted_apart_by_reason():
         ],
         report=["sigma_z_mm"],
     )
-    plan = dataclasses.replace(plan, chunk=6144)  # predicted depth precision takes a third of a millisecond of each
+    plan = dataclasses.replace(plan, chunk=2048)  # predicted depth precision takes a third of a millisecond of each
     tally = tally_chunk(plan, 0)
     variant = summarise(plan, tally)[0]
     values = plan.draws.values(plan.draws.deviations(plan.draws.uniforms(0, plan.chunk)))
     far, room = values["aperture.distance"] >= 350, values["sensor.distance"] > 0
     closed, beyond = int((~room).sum()), int((room & far).sum())
-    assert min(closed, beyond) > 200
+    assert min(closed, beyond) > 60  # 93 and 228 expected
     assert variant.impossible == closed + beyond
     assert dict(variant.faults) == {"d_2 is not above 0": closed, "focal plane in the bore": beyond}
     assert np.isinf(tally.scores).all()
     there = {place: numbers[room & ~far] for place, numbers in values.items()}
-    assert (there["aperture.distance"] < 0).sum() > 1000  # the pupil may cross the lens
+    assert (there["aperture.distance"] < 0).sum() > 400  # the pupil may cross the lens
     fill = QUANTITIES["fill_factor"](Camera.of(plan.question.design, there))
     column, limit = variant.distributions[0], variant.limits[0]
     assert (column.undefined, limit.result.trials) == (0, len(fill))
