@@ -18,7 +18,6 @@ sys.path.insert(0, os.path.dirname(__file__))
 from pages import blocks, run, thin_out
 
 from roslf_design.cli import COMMANDS
-from roslf_design.commands import warm
 from roslf_design.optimization import robust
 from studies.accuracy import hard_rows
 from tests.depth.made import at_first_sight
@@ -73,7 +72,6 @@ def project(root, tmp_path, monkeypatch, near_light, few_rays, found_once):
     few_waves(monkeypatch)
     at_first_sight(monkeypatch)
     monkeypatch.setattr(robust, "SHARP", robust.SHARP[:1])
-    monkeypatch.setattr(warm, "SMALL", 40)
     few = [case for case in hard_rows.all_cases() if case.name in ("d_1 → f", "discs near tangency")]
     monkeypatch.setattr(hard_rows, "all_cases", lambda: few)
     return tmp_path

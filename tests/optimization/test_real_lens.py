@@ -209,7 +209,7 @@ def test_what_does_not_go_behind_a_real_lens_is_one_line(capsys, tmp_path, old, 
 
 
 def test_a_spent_budget_is_told(capsys, tmp_path):
-    (tmp_path / "study.toml").write_text(STUDY.replace("starts = 1", "starts = 40\nbudget = 20\nevaluations = 10"))
+    (tmp_path / "study.toml").write_text(STUDY.replace("starts = 1", "starts = 40\nbudget = 100\nevaluations = 30"))
     assert main(["optimize", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["trust"]["ended_by"] == "evaluations"
 
