@@ -1,8 +1,9 @@
-"""The explorer as its user sees it, in headless Chromium: every control does what it says."""
+"""The explorer as its user sees it, in headless Chromium: every control does what it says, every text is seen whole."""
 
 import re
 import signal
 import time
+from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -677,3 +678,92 @@ def test_a_window_and_a_liquid_are_put_before_the_camera_changed_and_taken_away(
     assert page.input_value("#n-medium") == "air"
     click(page, "undo")
     assert len(drawn("element-1")) == 1
+
+
+# Every text in full: none cut by what it lies in, none printed over another, none pale.
+
+SMALL, LARGE, NARROW = SIZES = ((1024, 768), (1440, 900), (390, 844))
+SEEN = {"paper": SIZES, "cystoscope": (SMALL, NARROW), "paper-singlet": (SMALL,)}
+"""Screens at which each preset is looked at: every one at the one with least room beside each other."""
+TABS = ("camera", "depth", "tolerance", "optimise", "space")
+SPOILT = """() => {
+  document.querySelector(".card-depth h2").style.cssText = "max-width: 3em; overflow: hidden; white-space: nowrap";
+  document.querySelector("#tab-camera").style.cssText = "position: relative; left: 60px";
+  document.querySelector(".card-glance h2").style.color = "#808080";
+}"""
+
+
+def faults(page):
+    idle(page)
+    return page.evaluate((Path(__file__).parent / "texts.js").read_text())
+
+
+def test_it_fits_every_screen_and_no_text_is_cut_or_overprinted(page):
+    page.evaluate(WITHOUT_WEBGL)
+    told = {}
+    for name, sizes in SEEN.items():
+        preset(page, name)
+        if name == "paper-singlet":
+            page.wait_for_selector("[data-testid=light-thin_lens_holds]", timeout=60_000)
+        for width, height in sizes:
+            page.set_viewport_size({"width": width, "height": height})
+            click(page, "theme")
+            for tab in TABS:
+                click(page, f"#tab-{tab}")
+                page.wait_for_timeout(120)  # until the page has told how much room its pictures have
+                told[name, width, tab] = faults(page) + wide(page, width, height)
+            for panel in page.locator(".verdicts details.menu").all():
+                panel.evaluate("(e) => { e.open = true; }")
+                told[name, width, panel.get_attribute("data-testid")] = faults(page)
+                panel.evaluate("(e) => { e.open = false; }")
+    assert {place: texts for place, texts in told.items() if texts} == {}
+
+
+def wide(page, width, height):
+    """What is larger than it has room for: the page, and pictures."""
+    found = page.evaluate(
+        """() => [document.documentElement.scrollWidth, document.documentElement.scrollHeight,
+        ...[...document.querySelectorAll(".picture:not(.space)")].filter((e) => e.checkVisibility())
+            .filter((e) => e.querySelector("svg")?.getBoundingClientRect().width > e.getBoundingClientRect().width + 1)
+            .map((e) => e.dataset.picture)]"""
+    )
+    page_width, page_height, *pictures = found
+    # On a narrow screen one scrolls down.
+    return [*pictures, *["page"] * (page_width > width or (page_height > height and width > 900))]
+
+
+def test_texts_that_are_cut_or_overprinted_are_noticed(page):
+    click(page, "#tab-depth")
+    assert faults(page) == []
+    page.evaluate(SPOILT)
+    assert {fault.split()[0] for fault in faults(page)} == {"cut", "overprinted", "pale,"}
+
+
+def test_it_says_that_it_starts_until_the_page_is_there(same_page, chromium, explorer):
+    page = same_page
+    assert not page.locator(".wait").is_visible()
+    early = chromium.new_page()
+    early.route("**/assets/*.js", lambda route: route.abort())
+    early.goto(explorer.address)
+    assert "Starting" in early.locator(".wait").inner_text()
+    early.close()
+
+
+def test_the_first_screen_holds_all_verdicts_and_a_picture(page, tmp_path):
+    file = tmp_path / "asked.toml"
+    at = [{"at": float(distance), "max": "0.0125 mm"} for distance in (10, 15, 20, 30, 40)]
+    asked = {"u_z_mm": at, "outer_diameter_mm": {"max": 4.0}, "field_of_view_deg": {"min": 90.0}}
+    file.write_text(dumps(load("rigid-scope").replace({"required": asked})))
+    page.set_input_files("input[type=file]", file)
+    idle(page)
+    click(page, "#tab-tolerance")
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        assert faults(page) == []
+    click(page, "#tab-camera")
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_timeout(120)
+        picture = page.locator(".card-meridional").bounding_box()
+        assert picture["y"] > page.locator("[data-testid=light-required]").bounding_box()["y"]
+        assert picture["y"] + picture["height"] < height - 40
