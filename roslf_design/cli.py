@@ -50,7 +50,7 @@ class _Command(NamedTuple):
 
 COMMANDS = {
     "evaluate": _Command(
-        "Verdicts on a camera and its numbers: what it sees, how deep it measures, what is wrong and what would mend it.",
+        "Verdicts on a camera and its numbers: what it sees, how deep it measures, what is wrong, what would mend it.",
         "roslf evaluate rigid-scope --at 10mm",
     ),
     "render": _Command(
