@@ -191,7 +191,7 @@ def test_intervals_of_the_sampled_posterior_hold_too(coverage):
 @pytest.fixture(scope="module")
 def runs(fit):
     size = sample_size_for(0.2)
-    return [sample_posterior(fit, SHEET, seed=seed, chunk=100, most_steps=100, ess=size) for seed in range(4)]
+    return [sample_posterior(fit, SHEET, seed=seed, chunk=60, most_steps=60, ess=size) for seed in range(4)]
 
 
 def test_means_of_repeated_runs_scatter_as_told(runs):
