@@ -119,9 +119,6 @@ def test_sound_captures_have_no_fault_and_tell_how_sure_they_are(capsys, bench, 
     assert images[0] / noise[0] > 1.02 * images[1] / noise[1]
     for name in SOUND[2:]:
         (folder / "calibration" / name).unlink()
-    one = told(capsys, folder)
-    assert one["sigma"] is None
-    assert one["next"]["file"].startswith("board_")
     code, out, _ = run(capsys, "bench", "check", folder)
     assert code == 0
     assert "do not determine H and d_3 yet" in out
