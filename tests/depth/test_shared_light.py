@@ -42,7 +42,7 @@ def test_noise_of_shared_pixels_is_that_of_their_spectrum(c, back):
 
 def test_the_picture_brings_back_as_much_of_an_error_as_is_seen_when_neighbours_are_taken_off():
     """By views that are freed along disparities that are off, again and again: nothing of waves and their sums."""
-    paper, disparity = roslf.load("paper"), 0.4
+    paper, disparity = roslf.load("paper"), -0.4
     camera = Camera.of(paper.replace({"aperture.diameter": 1.4 * paper.D_F}))
     pitch = abs(float(microlens_image_pitch(camera) / camera.q))
     s, u, off = np.arange(-9, 10.0), np.arange(28.0) - 14, 0.02
