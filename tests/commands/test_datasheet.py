@@ -125,9 +125,10 @@ def test_small_lengths_and_their_spreads_are_printed_in_one_unit_without_powers_
     (tmp_path / "study.toml").write_text(STUDY.replace('"paper"', '"design.toml"').replace("29 um", "2 um"))
     section = datasheet_section(story.datasheet_of(tmp_path / "study.toml"))
     rows = [row for block in section.blocks if getattr(block, "title", "").startswith(DEPTH) for row in block.rows]
-    assert any(row[1].endswith(" um") for row in rows)
+    assert all(row[1].endswith(" mm") for row in rows)
     assert not any("e-" in cell for row in rows for cell in row[1:3])
-    _, value, spread, *_ = next(row for row in rows if row[1].endswith(" um"))
+    _, value, spread, *_ = next(row for row in rows if row[2] != "–")
+    assert 0 < float(value.split()[0]) < 0.1
     assert float(spread.split()[-1]) < float(value.split()[0])  # of the same unit: some per cent of it
 
 

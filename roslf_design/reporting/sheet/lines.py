@@ -9,6 +9,7 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -49,7 +50,7 @@ from ...tolerancing.places import short_name
 from ...tolerancing.result import MANY, is_limited, of_builds, share_that_meets
 from ...tolerancing.trials import first_builds, lengths_built
 from ...traced.fields import IdealImages
-from ...words import listed, number
+from ...words import ROUNDING, listed, number
 from ..blocks import Block, Figure, Paragraph, Report, Section, Table
 from ..design.curves import KnownLengths
 from ..design.figures import depth_figure, dimensions_sheet, glance
@@ -584,7 +585,7 @@ def _value(line: _SheetLine) -> str:
         return line.text
     assert line.value is not None
     grown, unit = _shown_in(line)
-    return f"{number(grown * line.value, 4)} {unit}".strip() if math.isfinite(line.value) else number(line.value)
+    return f"{_digits(grown * line.value, 4)} {unit}".strip() if math.isfinite(line.value) else number(line.value)
 
 
 def _shown_in(line: _SheetLine) -> tuple[float, str]:
@@ -592,7 +593,7 @@ def _shown_in(line: _SheetLine) -> tuple[float, str]:
 
     That of its limit where one stands beside.
     """
-    whole = (REQUIRED, EXPECTED, DEPTH)  # of which the same number stands beside in millimetres
+    whole = (REQUIRED, EXPECTED, DEPTH)  # whose limits and tables are in millimetres
     small = line.unit == "mm" and not line.subject.startswith(whole) and 0 < abs(line.value or 0.0) < SMALL
     return (1e3, "um") if small else (1.0, line.unit)
 
@@ -602,7 +603,13 @@ def _spread(line: _SheetLine, sigma: Mapping[str, float]) -> str:
         return "–"
     grown, _ = _shown_in(line)
     # A millionth of the value is what derivatives' steps leave.
-    return f"±\N{NO-BREAK SPACE}{number(grown * SIGMAS * sigma[line.key], 2, 1e-6 * abs(grown * (line.value or 0.0)))}"
+    return f"±\N{NO-BREAK SPACE}{_digits(grown * SIGMAS * sigma[line.key], 2, 1e-6 * abs(grown * (line.value or 0.0)))}"
+
+
+def _digits(value: float, digits: int, zero: float = ROUNDING) -> str:
+    """A number as `words.number`, small ones without powers of ten."""
+    text = number(value, digits, zero)
+    return format(Decimal(text), "f") if "e-" in text else text
 
 
 def _depths_by_lengths(grounds: SpreadSources) -> Iterator[tuple[str, DepthBudget | None, str]]:
