@@ -398,7 +398,7 @@ def with_named_parts(place: str, value: Any, folder: str | Path | None) -> Any:
         try:
             filled.append(_filled(NAMED[place], table, None if folder is None else Path(folder)) if named else table)
         except InputError as error:
-            words = str(error) if error.origin else error.problems[0].message
+            words = "; ".join(str(error).splitlines()) if error.origin else error.problems[0].message
             faults.append(Problem(f"{k}.part" if several else "part", words))
     if faults:
         raise InputError(tuple(faults))
@@ -430,14 +430,16 @@ def _filled(kind: Kind, table: Mapping[str, Any], folder: Path | None) -> Mappin
         asked, path = asked["name"], folder / asked["file"]
     elif not isinstance(asked, str) or own >= needed:
         return table
-    parts = {str(one.get("part")): one for one in read_toml(path, path.name).get(kind, ())}
+    listed = read_toml(path, path.name).get(kind)
+    tables = [one for one in listed if isinstance(one, Mapping)] if isinstance(listed, list) else []
+    parts = {str(one.get("part")): one for one in tables}
     called = [name for name, one in parts.items() if asked.lower() in (name.lower(), _with_maker(one).lower())]
     if not called:
         if path.parent == SHIPPED and own >= needed - {"diameter"}:
             return table
-        words, listed = kind.replace("_", " "), f"`roslf catalogue --kind {kind}` lists them"
+        words, command = kind.replace("_", " "), f"`roslf catalogue --kind {kind}` lists them"
         where = f'one of your own is part = {{file = "mine.toml", name = "{asked}"}}'
-        near = nearest(asked, [*parts, *map(_with_maker, parts.values())], f"{listed}, and {where}", least=CLOSE)
+        near = nearest(asked, [*parts, *map(_with_maker, parts.values())], f"{command}, and {where}", least=CLOSE)
         raise _no_part(f"'{asked}' is none of the {words} in {path.name}; {near}")
     entry = validated(MODELS[kind], parts[called[0]], path.name, folder=path.parent)
     given = {key: value for key, value in entry.table.items() if INSTEAD.get(key, key) not in own}

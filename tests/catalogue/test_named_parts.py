@@ -101,6 +101,15 @@ def test_parts_of_a_file_of_ones_own(tmp_path):
     assert roslf.loads(roslf.dumps(design)) == design  # without that file
     with pytest.raises(roslf.InputError, match="may open no file"):
         roslf.loads(text, folder=None)
+    for wrong in ("sensors = 3\n", "sensors = [3]\n", "[sensors]\npart = 3\n"):
+        (tmp_path / "mine.toml").write_text(wrong)
+        with pytest.raises(roslf.InputError, match=r"sensor\.part: 'quote 7' is none of the sensors in mine\.toml"):
+            roslf.load(tmp_path / "scope.toml")
+    (tmp_path / "mine.toml").write_text('[[sensors]]\npart = "quote 7"\npixel = 2\n')
+    with pytest.raises(
+        roslf.InputError, match=r"sensor\.part: mine\.toml: .*pixel: 2 has no unit.*; mine\.toml: pixels"
+    ):
+        roslf.load(tmp_path / "scope.toml")
     with pytest.raises(roslf.InputError, match=r"sensor\.part: gone\.toml: .*check the path"):
         roslf.loads(text.replace("mine.toml", "gone.toml"), folder=tmp_path)
 
