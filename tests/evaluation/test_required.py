@@ -1,11 +1,13 @@
 """What a design file asks for: verdicts against hand-set limits, in every page, and faults that are told."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 
 import roslf_design as roslf
+from roslf_design.camera import Camera
 from roslf_design.design import DesignError, dumps, loads
 from roslf_design.design.files import preset_path
 from roslf_design.errors import InputError
@@ -345,3 +347,34 @@ def test_the_detail_of_the_table_can_be_required(name, at):
     far, focus = evaluation.required
     assert far.value == pytest.approx(table["asked for"], rel=1e-4)
     assert focus.value == pytest.approx(table["focal plane"], rel=1e-4)
+
+
+def _remedied(design, **required):
+    changed = roslf.loads(roslf.dumps(design) + "\n[required]\n" + "\n".join(f"{k} = {v}" for k, v in required.items()))
+    return changed, [one.remedy for one in required_of(changed)]
+
+
+def test_a_missed_limit_names_its_culprit_and_what_it_says_does():
+    design = roslf.load("rigid-scope")
+    fold, view = (float(roslf.quantity(name)(Camera.of(design))) for name in ("fold_lp_per_mm", "field_of_view_deg"))
+    _, (finer, wider) = _remedied(
+        design, fold_lp_per_mm=f"{{min = {1.5 * fold:.4g}}}", field_of_view_deg=f'{{min = "{1.2 * view:.4g} deg"}}'
+    )
+    pitch = float(re.search(r"microlenses of ([\d.]+) um", finer)[1])
+    assert float(roslf.quantity("fold_lp_per_mm")(Camera.of(design.replace(d=pitch / 1e3)))) >= 1.5 * fold * 0.999
+    times = float(re.search(r"a sensor ([\d.]+) times as wide", wider)[1])
+    sizes = {
+        f"{part}.size": [times * side for side in getattr(design, part).size] for part in ("sensor", "microlens_array")
+    }
+    assert float(roslf.quantity("field_of_view_deg")(Camera.of(design.replace(sizes)))) == pytest.approx(
+        1.2 * view, rel=0.02
+    )
+
+
+def test_a_distance_where_single_views_blur_is_told():
+    design = roslf.load("rigid-scope")
+    near = float(roslf.quantity("view_depth_of_field_near_mm")(Camera.of(design)))
+    for at, blurs in ((0.8 * near, True), (1.2 * near, False)):
+        changed, (remedy,) = _remedied(design, u_z_mm=f'{{at = "{at:.6g} mm", max = "9 mm"}}')
+        assert ("focus closer to it" in remedy) == blurs
+        assert ("where single views blur" in required_of(changed)[0].only) == blurs
