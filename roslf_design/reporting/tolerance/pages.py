@@ -312,7 +312,7 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
         name = short_name(place, result.plan.question.design)
         told = f"{name} moves {in_words(weakest.label)} most: {100 * part:.0f} % of its variance"
         if _of_those(result):
-            told += ", in builds that can be put together; what puts the others together is told above"
+            told += ", in builds that can be put together; what puts the others together stands above"
         yield Statement("plain", words.sentence(told))
 
 
