@@ -53,6 +53,8 @@ TOUCHING = 1e-6
 MOST_SETTLING, SETTLED = 8, 1e-4
 """Searches after which numbers that rays tell are taken as they are, and how little they move before that, relative: in
 an answer by no more than `FEASIBLE`."""
+DRIFT = 1e-6
+"""Violation of a limit by rays that is none where searches never settle: along flat goals they end some way apart."""
 LOOKED_AT, ROUGHLY = 64, 1e-2
 """Points of the bounds of which the best begins a search that takes no rays at fields, and relative change of numbers
 that rays tell of the whole camera, below which they decide whether fields are traced at all."""
@@ -384,7 +386,8 @@ def settled(
         if moved <= within:
             return problem, end, moved
         unit = end.unit
-    return problem, judged(problem, end), moved
+    own = judged(problem, end)
+    return problem, end if own.violation <= DRIFT else own, moved
 
 
 def _starts(problem: DesignProblem, settings: Settings) -> list[Array]:
