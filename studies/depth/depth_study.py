@@ -227,7 +227,7 @@ def statements(results: dict[str, dict[str, Measured]]) -> Iterator[Statement]:
         whole = float(np.nanmedian(cut.spread[cut.kept >= 0.999]))
         yield Statement(
             "plain",
-            f"How much depth is lost where images are cut? Where {cut.kept[worst]:.0%} is kept depth scatters "
+            f"How much depth is lost where images are cut? Where {cut.kept[worst]:.0%} is unvignetted depth scatters "
             f"{cut.spread[worst] / whole:.1f} times as far as where images are whole (predicted "
             f"{cut.predicted[worst] / np.nanmin(cut.predicted):.1f}); of what is dark nothing is reported.",
         )
