@@ -41,7 +41,7 @@ def evaluate(
     output: OptionalOutput = None,
     accuracy: float | None = None,
 ) -> None:
-    """Verdicts on a camera and its numbers: what it sees, how deep it measures, what is wrong and what would mend it.
+    """Verdicts on a camera and its numbers: what it sees, how deep it measures, what is wrong, what would mend it.
 
     Parameters
     ----------
