@@ -93,4 +93,4 @@ def test_rays_that_only_the_fap_ends_are_told_from_light_that_is_lost():
     assert evaluate(paper).non_distortion.undistorted_in_field
     assert not evaluate(cut).non_distortion.undistorted_in_field
     words = [[key.text for key in meridional(design).keys if "blocked" in key.text] for design in (paper, cut)]
-    assert words == [["blocked by the FAP alone, beyond its rim"], ["blocked, and where"]]
+    assert words == [["beyond the FAP's rim: blocked, and where"], ["blocked, and where"]]
