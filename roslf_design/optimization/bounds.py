@@ -209,7 +209,9 @@ def refused(combinations: Combinations) -> Iterator[Refused]:
 
 def _nearest_to(limit: Constraint) -> Callable[[Iterable[float]], float]:
     """The one of values, all beyond a limit, that comes nearest."""
-    return max if limit.max is None else min
+    if limit.max is None:
+        return max
+    return min
 
 
 def refuse_all(combinations: Combinations) -> None:
