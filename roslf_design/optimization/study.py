@@ -173,8 +173,9 @@ class StudyTable(StrictTable):
     def _contradictions(self, design: Design) -> Iterator[Problem]:
         """Limits on the same number of which none lies between."""
         for (key, one), (_, other) in permutations(self._limits(design).items(), 2):
-            above = None not in (one.min, other.max) and one.min > other.max + one.quantity.slack(other.max)
-            if one.asked == other.asked and above:
+            if one.asked != other.asked or one.min is None or other.max is None:
+                continue
+            if one.min > other.max + one.quantity.slack(other.max):
                 yield Problem(key, f"{one} contradicts {other}: nothing lies between; change one of them")
 
     def fixed_faults(self, problem: DesignProblem) -> Iterator[Problem]:
