@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, sparse
-from scipy.sparse.linalg import splu
+from scipy import ndimage
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -55,6 +57,8 @@ class DenseMap(NamedTuple):
         known : ndarray of bool
             Where there is a disparity.
         """
+        if known.all():
+            return cls(disparity, sigma, np.nan, np.nan)
         joined = _joined(picture)
         held = known & ndimage.binary_dilation(~known, iterations=HELD_OUT)
         kept, rms, within, factor, beside = known & ~held, np.nan, np.nan, 1.0, 0.0
@@ -87,6 +91,8 @@ def _law(apart: Array, error: Array) -> tuple[float, float]:
 
 def _joined(picture: Array) -> sparse.csr_matrix:
     """How well neighbours hold together, shape (places, places): 1 of like brightness, less across edges."""
+    from scipy import sparse  # an eighth of a second with its solver, for maps with gaps only
+
     index = np.arange(picture.size).reshape(picture.shape)
     lit = np.abs(picture[picture != 0])  # more than half of a picture may be dark
     step = STEP * float(np.median(lit)) if lit.size else 1.0
@@ -110,6 +116,9 @@ def _walked(disparity: Array, sigma: Array, known: Flags, joined: sparse.csr_mat
     Of two values met with probabilities p and 1 - p, d apart, the variance V is p (1 - p) d^2, the third moment M
     p (1 - p) (1 - 2 p) d^3, and the likelier lies min(p, 1 - p) d = ((M^2 + 4 V^3)^(1/2) - |M|) / (2 V) off their mean.
     """
+    from scipy import sparse
+    from scipy.sparse.linalg import splu
+
     unknown, some = np.flatnonzero(~known), np.flatnonzero(known)
     means, apart = np.where(known, disparity, np.nan).ravel(), np.where(known, sigma, np.nan).ravel()
     if unknown.size and some.size:

@@ -67,6 +67,8 @@ TURNS, FREQUENCIES = 4, (0.1, 0.25, 0.4, 0.55, 0.7)
 """Directions of waves that pictures' answers are averaged over, and their frequencies, over the finest of the array."""
 BEYOND = 8
 """Microlenses that a picture is continued beyond its sides, as it was before them turned about them."""
+FEW = 1_000_000
+"""Pairs of points below which all distances are worked out sooner than scipy.spatial is imported."""
 
 
 def places_on_array(camera: Camera, field: LightField) -> NDArray[np.float64]:
@@ -608,6 +610,15 @@ def _each_between(
     return each, NodeMap(row * (BETWEEN + 1) + column, down, along, BETWEEN + 1)
 
 
+def _nearest(some: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Number of the nearest of some points to each of the places, (M,)."""
+    if len(some) * len(places) <= FEW:
+        return np.asarray(np.square(places[:, None] - some.astype(np.float64)).sum(-1).argmin(1), np.intp)
+    from scipy.spatial import cKDTree
+
+    return np.asarray(cKDTree(some).query(places)[1], np.intp)
+
+
 class Mixing(NamedTuple):
     """Neighbours' light in every sample: a list for each, one after the other."""
 
@@ -629,7 +640,6 @@ class Mixing(NamedTuple):
 
         Where light sees `beside`, as `_beside` has it, what the nearest view shows is looked for that much farther on.
         """
-        from scipy.spatial import cKDTree
 
         def picked(part: NDArray[np.float64]) -> NDArray[np.float64]:
             return np.compress(usable.ravel(), part.reshape(*part.shape[:-2], -1), -1)
@@ -644,7 +654,7 @@ class Mixing(NamedTuple):
             light = np.abs(parts.light[..., usable])
             places = np.stack([(axis * light).mean(1) / np.maximum(light.mean(1), 1e-12) for axis in (x, y)], -1)
             known = np.flatnonzero((shares[own] > sure).any(0))
-            source = known[cKDTree(places[own][known]).query(places[step, sample])[1]] if known.size else 0 * sample
+            source = known[_nearest(places[own][known], places[step, sample])] if known.size else 0 * sample
             share = np.ascontiguousarray(shares[step, :, sample], np.float32)
             return cls(np.searchsorted(sample, count), np.asarray(source, np.int64), steps, share)
         beside, keys, each = np.broadcast_to(picked(beside), (2, *shares.shape)), [], []
@@ -655,7 +665,7 @@ class Mixing(NamedTuple):
             to, by = sample[some], step[some]
             places = np.stack([x[:, node], y[:, node]], -1)
             lit = np.flatnonzero((shares[own, node] > sure) | (shares[own, node].max() <= sure))
-            source = lit[cKDTree(places[own, lit]).query(places[by, to])[1]]
+            source = lit[_nearest(places[own, lit], places[by, to])]
             off = beside[:, own, node, source] - beside[:, by, node, to]
             at = steps[some].T + np.where(np.abs(off) > NEAR, off, 0.0)
             low = np.floor(at).astype(np.int64)
