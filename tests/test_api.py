@@ -269,7 +269,7 @@ def test_a_distance_is_one_number_or_several():
 @pytest.mark.parametrize(
     ("place", "said"),
     [
-        ("sensor.part", "known here: .*pixel, size, .*pixels"),
+        ("sensor.fps", "known here: .*pixel, size, .*pixels"),
         ("sensor.pixel_size", "is called pixel here"),
         ("sensor.iso", "known here: "),
         ("aperture.d_3", "is called distance here"),
