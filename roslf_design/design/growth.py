@@ -20,6 +20,9 @@ from ..lenses.glass import Glass, growth
 from .assembly import Assembly
 from .parts import PATHS
 
+BODY = "the housing", "the main lens", "the microlenses"
+"""Parts of which one at least must be of a known material for depth to be told over temperature."""
+
 
 def about_environment(design: Assembly) -> tuple[Problem, ...]:
     """Temperatures that what is known of a material does not reach."""
@@ -49,11 +52,8 @@ def not_known(design: Assembly) -> tuple[str, ...]:
 def not_named(design: Assembly) -> tuple[str, ...]:
     """Names of the parts that stay as they are at any temperature, because no material is given for them."""
     environment = design.environment
-    silent = {
-        "the housing": environment is None or environment.housing is None,
-        "the main lens": not design.main_lens.grows,
-        "the microlenses": not design.microlens_array.grows,
-    }
+    housing = environment is None or environment.housing is None
+    silent = dict(zip(BODY, (housing, not design.main_lens.grows, not design.microlens_array.grows), strict=True))
     silent |= {at.name: not at.part.grows for at in design.in_bore}
     return tuple(name for name, is_silent in silent.items() if is_silent)
 
@@ -76,6 +76,11 @@ class Growth:
     """Glass of each index, by the index's place."""
     silent: tuple[str, ...] = ()
     """Parts that stay as they are, because nothing says what they are made of."""
+
+    @property
+    def unknown(self) -> bool:
+        """Whether nothing but pixels grows, by what is known."""
+        return {*BODY} <= {*self.silent}
 
     @classmethod
     def of(cls, design: Assembly) -> Growth | None:

@@ -103,12 +103,14 @@ def temperature_error(c: Camera, at: Depth | Array) -> Array | None:
 
     Root mean square, over the range, in which all temperatures are alike, of what lies between the depths that the same
     picture has at T and at T_c: the shift itself where the range is one temperature. Infinite where a camera in the
-    range has no depth for the picture. None as `temperatures_met`.
+    range has no depth for the picture. None as `temperatures_met`, and where nothing says how the camera grows.
     """
-    if (met := temperatures_met(c)) is None:
+    if (met := temperatures_met(c)) is None or c.growth is None:
+        return None
+    coldest, warmest, known = met
+    if c.growth.unknown and not (np.equal(coldest, warmest) & np.equal(warmest, known)).all():
         return None
     slope = light_field.epi_slope(c, depth_at(c, at))
-    coldest, warmest, known = met
     half = np.subtract(warmest, coldest) / 2
     met_at = np.stack(np.broadcast_arrays(known, *(coldest + half * (1 + node) for node in RANGE_NODES)))
     between = (1,) * (max(np.ndim(slope), len(c.shape)) - met_at.ndim + 1)

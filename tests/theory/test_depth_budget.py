@@ -407,9 +407,13 @@ def test_values_that_cannot_be(place, value):
 def test_temperature_of_a_camera_of_no_material_is_unknown_not_none():
     """Where nothing grows by the file, its range says nothing of depth; at one temperature nothing is due."""
     plain = PAPER.replace({"environment": {"range": ["15 degC", "37 degC"]}})
-    budget = depth_budget(Camera.of(plain))
-    assert terms(budget)["temperature"].u_mm is None
-    assert "temperature: nothing says how the housing, the main lens and the microlenses would grow" in budget.left_out
+    for at in (None, 10.0, 100.0):  # where pixels alone grow
+        budget = depth_budget(Camera.of(plain), at)
+        assert terms(budget)["temperature"].u_mm is None
+        assert (
+            "temperature: nothing says how the housing, the main lens and the microlenses would grow" in budget.left_out
+        )
+        assert float(QUANTITIES["u_z_mm"](Camera.of(plain), at)) == float(budget.u_z_mm)
     named = plain.replace({"environment.housing": "316L"})
     assert float(terms(depth_budget(Camera.of(named)))["temperature"].u_mm) > 0
     still = PAPER.replace({"environment": {"calibrated_at": "20 degC"}})
