@@ -25,6 +25,7 @@ from ..theory.depth_budget import (
     BUILT,
     CALIBRATED,
     COVERAGE,
+    FULL,
     MISMATCH,
     NOISE,
     OVERLAP,
@@ -193,15 +194,16 @@ def requirements(
             if quantity.within(low, high, cold):
                 counts += f"; by warmth alone: {number(cold, 4)} mm at {ROOM:g} °C is within"
         only = remedy = ""
-        of_detail = quantity.name.startswith(("mtf", "fold_lp"))
+        of_detail = quantity.unit == "lp/mm"
         fold = float(quantity_named("fold_lp_per_mm")(camera, at)) if of_detail else math.inf
-        if value > fold:
+        aliases = not undefined and min(value, closed) > fold  # usable detail of rays ends at their own fold
+        if aliases:
             counts = f"of contrast; detail above {number(fold, 4)} {quantity.unit} aliases"
         if met and depth and budget(at).as_drawn:
             only, remedy = "as drawn", AS_BUILT
         elif depth and not undefined and high is not None and value > high:
             remedy = _of_depth(budget(at), high)
-        elif met and low is not None and low > fold:
+        elif met and aliases and low is not None and low > fold:
             place = "" if at is None else f'at = "{at:g} mm", '
             only = "by contrast alone"
             remedy = (
@@ -219,7 +221,7 @@ def requirements(
             remedy = "; ".join(filter(None, (remedy, blurred)))
         if not met and not undefined:
             slip = _slip_of_unit(asked, low, high, value, quantity.unit)
-            culprit = _culprit(quantity, camera, value if quantity.unit == "deg" else fold, low)
+            culprit = _culprit(quantity, camera, fold if of_detail else value, low)
             remedy = "; ".join(filter(None, (slip, culprit, remedy or WAYS * bool(slip or culprit))))
         twin = None if value == closed or not lens.mounted or math.isnan(closed) else closed
         if twin is not None:
@@ -268,6 +270,8 @@ def _slip_of_unit(asked: Required, low: float | None, high: float | None, value:
 def _of_depth(budget: DepthBudget, most: float) -> str:
     """Remedy of a depth that is missed, by what adds most to it."""
     largest = budget.largest
+    if FULL in largest.remark:
+        return f"mostly {largest.name}: {FULL}: expose less; {WAYS}"
     if largest.name in MENDED_BY:
         return f"mostly {largest.name}: {MENDED_BY[largest.name]}; {WAYS}"
     if largest.name not in KNOW_BETTER:
@@ -282,8 +286,8 @@ def _of_depth(budget: DepthBudget, most: float) -> str:
 
 
 def _culprit(quantity: Quantity, camera: Camera, have: float, low: float | None) -> str:
-    """Remedy of a missed limit by what it hangs on, where that is known; `have` is an angle, or the detail sampled."""
-    if quantity.name == "outer_diameter_mm":
+    """Remedy of a missed limit by what it hangs on, where that is known; `have` is the value, or the detail sampled."""
+    if quantity.name == "outer_diameter_mm" and (low is None or have >= low):
         widest = max(tube.housed(camera), key=lambda part: float(part.needs(camera)))
         return f"the widest is {the(widest.name)}, {widest.sizes(camera)}"
     if low is None or not 0 < have < low:
@@ -291,7 +295,7 @@ def _culprit(quantity: Quantity, camera: Camera, have: float, low: float | None)
     if quantity.name.startswith("field_of_view") and low < FLAT:
         wider = math.tan(math.radians(low / 2)) / math.tan(math.radians(have / 2))
         return f"about a sensor {on_side(wider, True, 3)} times as wide sees that, or a main lens so many times shorter"
-    if quantity.name.startswith(("mtf", "fold_lp")):
+    if quantity.unit == "lp/mm":
         pitch = on_side(1e3 * float(camera.d) * have / low, False, 3)
         return f"microlenses of {pitch} um, not {length(float(camera.d))}, sample {low:g} lp/mm there"
     return ""

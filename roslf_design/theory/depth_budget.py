@@ -34,6 +34,7 @@ COVERAGE = 2
 NOISE, MISMATCH, VEIL, OVERLAP = "shot and read noise", "view mismatch", "veil", "image overlap"
 BUILT, CALIBRATED, WARMTH = "lengths as built", "lengths as calibrated", "temperature"
 MODEL_ALONE = "no board covers that distance: there the model alone tells depth"
+FULL = "pixels are full"
 GIVEN = "in the disparity error that the design gives"
 Kind = Literal["precision", "trueness"]
 KINDS: tuple[Kind, ...] = ("precision", "trueness")
@@ -182,11 +183,12 @@ def depth_budget(
             BudgetTerm(VEIL, "B", "precision", None, GIVEN),
         ]
     else:
-        full = bool(np.any(np.isinf(noise) & (full_level(c) < 1)))
+        full, veil = bool(np.any(np.isinf(noise) & (full_level(c) < 1))), _added(hazy, uneven)
+        share = f"{_percent(c['light.veil'])} of full scale"
         terms = [
-            BudgetTerm(NOISE, "B", "precision", noise, "the bound" + "; pixels are full" * full),
+            BudgetTerm(NOISE, "B", "precision", noise, "the bound" + f"; {FULL}" * full),
             BudgetTerm(MISMATCH, "B", "precision", _added(uneven, noise), _mismatch_words(c)),
-            BudgetTerm(VEIL, "B", "precision", _added(hazy, uneven), f"{_percent(c['light.veil'])} of full scale"),
+            BudgetTerm(VEIL, "B", "precision", veil, share + f"; {FULL}" * bool(np.any(np.isinf(veil)))),
         ]
         overlap = overlap_error(c)
         if np.any(overlap):
