@@ -234,9 +234,11 @@ def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = silen
     return replace(_solved(problem, settings, settings.fresh(), tell), seconds=time.monotonic() - began)
 
 
-def _solved(problem: DesignProblem, settings: Settings, budget: SearchBudget, tell: Tell) -> Answer:
-    """`solve` within a budget, whose time the caller knows."""
-    starts = _starts(problem, settings)
+def _solved(
+    problem: DesignProblem, settings: Settings, budget: SearchBudget, tell: Tell, found: Sequence[Array] = ()
+) -> Answer:
+    """`solve` within a budget, whose time the caller knows, from points that were found before any other."""
+    starts = [*found, *_starts(problem, settings)]
     if problem.order == "weighted" or len(problem.goals) == 1:
         return _solve(problem, settings, budget, tell, starts)
     stages: list[_Stage] = []
@@ -274,19 +276,24 @@ def solve_by_rays(problem: DesignProblem, settings: Settings = USUAL, tell: Tell
 def _settled_by_rays(problem: DesignProblem, settings: Settings, budget: SearchBudget, tell: Tell) -> Answer:
     polish = partial(searched, budget=budget, evaluations=settings.evaluations, tolerance=problem.finest)
     roughly = partial(polish, tolerance=max(settings.tolerance, problem.finest))
-    start = None
+    start, found = None, []
     if problem.traced:
         tell("limits of the whole camera")
-        problem, part, near = reached_untraced(problem, np.full(problem.n, 0.5), settings.seed, roughly)
-        if not near.feasible:
-            return _unreached(problem, part, near, settings, budget, tell)
+        problem, part, near = reached_untraced(problem, _first(problem), settings.seed, roughly)
         start = near.unit
+        if not near.feasible:
+            tell("finding what stands in the way")
+            conflict = explain(part, [start], budget, settings.seed)
+            if not conflict.feasible_after_all:
+                return _unreached(problem, conflict, near, settings, budget)
+            start = conflict.unit
+            found = [start]
     if not problem.by_rays:
-        return _solved(problem, settings, budget, tell)
+        return _solved(problem, settings, budget, tell, found)
     tell("rays at the optimum")
     start = _starts(problem, settings)[0] if start is None else start
     problem, *_ = settled(problem, start, SETTLED, roughly)
-    answer, moved = _solved(problem, settings, budget, tell), 0.0
+    answer, moved = _solved(problem, settings, budget, tell, found), 0.0
     # Of a lexicographic order the stages are solved as they were settled.
     for again in (False, True) if answer.problem is answer.asked else ():
         told, moved = answer.problem.told_by_rays(answer.unit)
@@ -318,11 +325,9 @@ def _moved_to(answer: Answer, problem: DesignProblem, end: Search) -> Answer:
 
 
 def _unreached(
-    problem: DesignProblem, part: DesignProblem, near: Search, settings: Settings, budget: SearchBudget, tell: Tell
+    problem: DesignProblem, conflict: Conflict, near: Search, settings: Settings, budget: SearchBudget
 ) -> Answer:
-    """Answer where `part` of a problem's limits cannot be held already, `near` being the nearest to that."""
-    tell("finding what stands in the way")
-    conflict = explain(part, [near.unit], budget, settings.seed)
+    """Answer where limits of a problem clash that take no rays at fields; a search for them ended `near`."""
     note = (
         "limits at single fields were not looked at, since those of the whole camera cannot be held; what would free "
         "these leaves the others out"
@@ -343,7 +348,7 @@ def _unreached(
         gradient_error=0.0,
         evaluations=near.evaluations,
         seconds=0.0,
-        notes=(note,),
+        notes=(note, *_notes([near], settings.starts, budget, settings)),
         settings=settings,
     )
 
@@ -390,14 +395,17 @@ def settled(
     return problem, end if own.violation <= DRIFT else own, moved
 
 
-def _starts(problem: DesignProblem, settings: Settings) -> list[Array]:
-    """Where searches start: as given, not clipped, so that a start outside its bounds can be told; Sobol points."""
-    bounds = problem.variables.values()
-    first = [
+def _first(problem: DesignProblem) -> Array:
+    """Where a search starts first: as given, not clipped, so that a start outside its bounds can be told, or amid."""
+    return np.array([
         0.5 if v.start is None else -0.01 if v.start < v.min else 1.01 if v.start > v.max else v.unit(v.start)
-        for v in bounds
-    ]
-    given = [np.array(first)] if any(v.start is not None for v in bounds) else []
+        for v in problem.variables.values()
+    ])  # fmt: skip
+
+
+def _starts(problem: DesignProblem, settings: Settings) -> list[Array]:
+    """Where searches start: as given, and Sobol points."""
+    given = [_first(problem)] if any(v.start is not None for v in problem.variables.values()) else []
     points = sobol_units(problem.n, settings.starts, settings.seed)
     return [*given, *promising_starts(problem, list(points), settings.starts, settings.seed)]
 

@@ -157,13 +157,28 @@ def test_no_field_is_traced_where_the_whole_camera_s_limits_cannot_be_held(monke
         Constraint(quantity="u_z_mm", max=1e-3),
     ]
     goal = Goal(quantity="sigma_z_mm", direction="min")
-    answer = solve_by_rays(posed({"d_f": (250, 450)}, limits, goal, design=SINGLET), Settings(starts=1, check=False))
+    settings = Settings(starts=1, check=False, seconds=1e-9)
+    answer = solve_by_rays(posed({"d_f": (250, 450)}, limits, goal, design=SINGLET), settings)
     assert not answer.feasible
     assert [one.limit for one in answer.conflict.clashing] == ["field_half_width_mm >="]
     assert answer.conflict.clashing[0].value < 100
     assert "limits at single fields were not looked at" in answer.notes[0]
+    assert "the clock of 1e-09 seconds ran out" in answer.notes[1]
     assert answer.evaluations > 0
     assert answer.seconds > 0
+
+
+def test_a_clock_that_runs_out_among_the_whole_camera_s_limits_is_no_conflict():
+    """A strip that one search has no time to reach, and a field's limit that every camera holds."""
+    limits = [
+        Constraint(quantity="fill_factor", field=FIELDS[0], max=100.0),
+        Constraint(quantity="sigma_z_mm", min=0.5, max=0.500001),
+    ]
+    problem = posed({"D_F": (1, 8), "d_3": (20, 200)}, limits, Goal(quantity="D_F", direction="min"), design=SINGLET)
+    answer = solve_by_rays(problem, Settings(starts=1, check=False, seconds=1e-9))
+    assert answer.feasible
+    assert answer.ended == "seconds"
+    assert "the clock of 1e-09 seconds ran out" in answer.notes[0]
 
 
 def test_a_study_behind_a_real_lens(tmp_path, capsys):
