@@ -94,7 +94,7 @@ def pareto_front(
         It is spent.
     """
     met: list[Array] = []
-    spent = 0
+    spent, alone = 0, replace(problem, goals=tuple(goals), constraints=())
 
     def best_of(wanted: Goal, limits: Sequence[Constraint], starts: Sequence[Array]) -> Array | None:
         nonlocal spent
@@ -104,8 +104,8 @@ def pareto_front(
         feasible = [result for result in results if result.feasible]
         return min(feasible, key=lambda result: result.merit).unit if feasible else None
 
-    def values(units: Sequence[Array]) -> Array:
-        return np.array([[problem.number(goal, unit) for goal in goals] for unit in units])
+    def values(unit: Array, posed: DesignProblem) -> list[float]:
+        return [posed.number(goal, unit) for goal in posed.goals]
 
     for number, goal in enumerate(goals):
         tell("front: ends", number, len(goals))
@@ -120,7 +120,7 @@ def pareto_front(
             )
             end = end if refined is None else refined
         met.append(end)
-    ends, payoff = list(met), values(met)
+    ends, payoff = list(met), np.array([values(unit, alone) for unit in met])
     ladders = [_ladder(payoff[:, k], goals[k], points if k == 1 else max(3, points // 3)) for k in range(1, len(goals))]
     grid = [limits[::-1] for limits in product(*ladders[::-1])]
     failed, complete, warm = 0, True, ends[0]
@@ -140,7 +140,7 @@ def pareto_front(
         else:
             warm = best
             met.append(best)
-    reached = values(met)
+    reached = np.array([values(unit, alone.told_by_rays(unit)[0]) for unit in met])
     labels = [goal.label for goal in goals]
     front = tuple(
         _FrontPoint(dict(zip(labels, reached[i].tolist(), strict=True)), problem.named(met[i]))

@@ -10,7 +10,9 @@ from scipy.optimize import brentq, differential_evolution
 import roslf_design as roslf
 from roslf_design.cli import main
 from roslf_design.design import preset_path
-from roslf_design.optimization import Constraint, Goal, Settings, solve
+from roslf_design.evaluation.specification import FieldImages
+from roslf_design.optimization import Constraint, Goal, Settings, pareto_front, solve
+from roslf_design.optimization.search import SearchBudget
 from roslf_design.optimization.solve import solve_by_rays
 from roslf_design.optimization.traces import FieldTraces
 from roslf_design.traced.camera import camera_of, microlenses
@@ -124,6 +126,18 @@ def test_a_field_of_the_whole_camera_is_held_as_rays_tell_it():
     assert answer.number(answer.asked.constraints[0]) == pytest.approx(31.0, rel=1e-9)
     alone = solve(problem, settings).variables()["d_f"]  # by the thin-lens model
     assert abs(alone / known - 1) > 0.05
+
+
+def test_points_of_a_front_are_told_by_rays_of_their_own():
+    goals = (Goal(quantity="field_half_width_mm", direction="max"), Goal(quantity="sigma_z_mm", direction="min"))
+    problem = posed({"d_f": (250, 450)}, [], *goals, design=SINGLET.replace({"main_lens.focal_plane": 350.0}))
+    answer = solve_by_rays(problem, Settings(starts=1, check=False))
+    front = pareto_front(answer.asked, answer.asked.goals, 3, [answer.unit], SearchBudget())
+    assert len(front.points) >= 3
+    for point in front.points:
+        shown = FieldImages.of(problem.design.replace(**point.variables_mm))
+        told = shown.told(roslf.quantity("field_half_width_mm"), None)
+        assert point.goals["field_half_width_mm"] == pytest.approx(told, rel=1e-9)
 
 
 def test_an_answer_holds_its_limits_as_rays_tell_them_where_it_is(monkeypatch):
