@@ -192,6 +192,12 @@ def test_a_section_fills_its_width_and_tells_by_how_much_it_is_stretched(name, c
     assert ("sensor" in words) == (close != "tip")
 
 
+def test_a_tip_without_a_name_in_it_is_drawn():
+    """One window that is longer than the close-up of it."""
+    window = {"kind": "plate", "distance": 1.0, "thickness": 4.0, "material": "N-BK7", "diameter": 4.0}
+    assert "tip" in _words(ray_diagrams(load("rigid-scope").replace({"elements": [window]})).svg())
+
+
 def test_a_distance_s_words_do_not_leave_the_picture():
     """d_3 too short for its words, and the FAP near the left end."""
     design = load("rigid-scope").replace({"D_F": 1.28, "d_3": 1.0, "f": 3.03, "d_1": 3.29})

@@ -251,7 +251,7 @@ def _section(design: Design, drawn: list[_LabelledFan], size: Point, whole: bool
     sides: dict[str, int] = {}
     names: list[tuple[float, str]] = []
     for _ in range(3):  # fewer pixels per millimetre may want more rows of names, and these leave fewer
-        over = 8 + NAME_ROW * (1 + max(rows))
+        over = 8 + NAME_ROW * (1 + max(rows, default=0))
         along = across / (right - left)
         factor = max(size[1] - over - under, LOWEST) / (2 * half) / along
         sides = _sides(design, along, side[0] - along * (left + design.d_3), whole)
