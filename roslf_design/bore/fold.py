@@ -14,6 +14,9 @@ from .element import Element
 
 Floats = NDArray[np.float64]
 
+BACK = -0.5
+"""Cosine of the angle (120 degrees) from which on joints are a mirror's: a bend's own lie ever further along."""
+
 
 def fold_of(turn: float, towards: float, reverses: bool) -> Floats:
     """Directions beyond a fold by those of the axis gone straight on, (3, 3).
@@ -49,13 +52,14 @@ class Fold(NamedTuple):
     def of(cls, part: Element) -> Fold:
         """Fold that an element makes; of an even number of reflections, or none that is told, as if the axis bent."""
         turn, middle = fold_of(part.turn, part.towards, part.reverses), part.distance + part.length / 2
+        half = part.turn / 2 if math.sin(part.turn / 2) > 0 else part.turn / 2 + math.pi  # its normal looks at the sensor
+        across = math.cos(half)
+        mirror = np.array([across * math.cos(part.towards), across * math.sin(part.towards), math.sin(half)])
         if part.reverses:
-            across = math.cos(part.turn / 2)
-            mirror = np.array(
-                [across * math.cos(part.towards), across * math.sin(part.towards), math.sin(part.turn / 2)]
-            )
             return cls(middle, turn, mirror, (mirror, mirror))
         ahead = np.array([0.0, 0.0, 1.0])
+        if math.cos(part.turn) < BACK:
+            return cls(middle, turn, ahead, (mirror, -turn.T @ mirror))
         joint = (ahead + turn[:, 2]) / np.linalg.norm(ahead + turn[:, 2])
         return cls(middle, turn, ahead, (joint, turn.T @ joint))
 
