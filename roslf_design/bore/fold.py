@@ -52,7 +52,7 @@ class Fold(NamedTuple):
     def of(cls, part: Element) -> Fold:
         """Fold that an element makes; of an even number of reflections, or none that is told, as if the axis bent."""
         turn, middle = fold_of(part.turn, part.towards, part.reverses), part.distance + part.length / 2
-        half = part.turn / 2 if math.sin(part.turn / 2) > 0 else part.turn / 2 + math.pi  # its normal looks at the sensor
+        half = part.turn / 2 % math.pi  # so that its normal looks at the sensor's side
         across = math.cos(half)
         mirror = np.array([across * math.cos(part.towards), across * math.sin(part.towards), math.sin(half)])
         if part.reverses:

@@ -212,9 +212,12 @@ class Later:
 
         async def run() -> None:
             await asyncio.sleep(pause)
-            if aside:
-                await asyncio.get_running_loop().run_in_executor(ASIDE, work)
-            del self._tasks[name]
+            try:
+                if aside:
+                    await asyncio.get_running_loop().run_in_executor(ASIDE, work)
+            finally:  # one that is cancelled has been replaced
+                if self._tasks.get(name, (None,))[0] is asyncio.current_task():
+                    del self._tasks[name]
             if not aside:
                 work()
             self._done()

@@ -118,9 +118,9 @@ class _Tab:
                         break
                 else:
                     self._update({"answered": asked})
-            except Exception:  # the terminal says why; the page waits no longer
+            except Exception:  # noqa: BLE001  the terminal says why; the page waits no longer
                 self._update({"answered": asked})
-                raise
+                server_logger.exception("A part of the page failed")
 
     def _update(self, values: dict[str, Any]) -> None:
         with self._server.state as state:

@@ -113,7 +113,7 @@ class Session:
         self._known: dict[Callable[[Design], Any], tuple[Design, Any]] = {}
         self._later = Later(lambda: self.on_news())
         self._drawn: dict[str, tuple[Any, Picture | None, str]] = {}
-        self._unsaid: list[str] = []
+        self._unsaid: list[tuple[Design, str]] = []
         self._reports: list[ProcessJob[bytes]] = []
         self.on_news: Callable[[], None] = lambda: None
         """Called when something is to be shown that nobody asked for."""
@@ -179,8 +179,10 @@ class Session:
         }
         yield lambda: {"depth_known": _tried(lambda: depth_known(source), depth_unknown) if in_depth else {}}
         yield lambda: {"space": self._in_space() if in_space else self._space.sent}
-        while self._unsaid:
-            self._say(self._unsaid.pop())
+        unsaid, self._unsaid = self._unsaid, []
+        for design, words in reversed(unsaid):  # of an abandoned pass it may be another design
+            if design == self.design.thin_twin:
+                self._say(words)
         last = header(self._history)
         yield lambda: last
 
@@ -421,11 +423,12 @@ class Session:
             self._later.do("runs", self._look_after_runs, None, TICK, aside=False)
 
     def _in_space(self) -> dict[str, Any]:
+        design, theme = self.design.thin_twin, self._theme
         try:
-            return self._space.parcel(self.design.thin_twin, self._theme)
+            return self._space.parcel(design, theme)
         except FAULTS as error:
-            self._unsaid.append(f"The instrument in 3D cannot be drawn: {cause(error)}")
-            return self._space.clear(self.design.thin_twin, self._theme)
+            self._unsaid.append((design, f"The instrument in 3D cannot be drawn: {cause(error)}"))
+            return self._space.clear(design, theme)
 
     def _picture(self, name: str, source: PictureSource) -> dict[str, str]:
         """The picture, as it was drawn last where nothing about it has changed; why not where it cannot be drawn."""
@@ -439,12 +442,12 @@ class Session:
             wanted = (*inputs, *look)
             if wanted != before:
                 picture = drawing.make(*wanted[:-1])
-                self._drawn[name] = (wanted, picture, picture.svg(self._theme))
+                self._drawn[name] = (wanted, picture, picture.svg(look[1]))
         except FAULTS as error:
             if wanted != before:
                 words = f"{drawing.label} cannot be drawn: {cause(error)}"
-                self._unsaid.append(words)
-                self._drawn[name] = (wanted, None, notice(name, words, self._sizes[name]).svg(self._theme))
+                self._unsaid.append((source.design, words))
+                self._drawn[name] = (wanted, None, notice(name, words, look[0]).svg(look[1]))
         return {_key(name): self._drawn[name][2]}
 
     def _place(self, picture: str, x: float, y: float, gesture: str = "") -> None:

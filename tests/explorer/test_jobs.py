@@ -1,5 +1,6 @@
 """Runs in processes of their own: told, ended, cancelled, never left behind."""
 
+import asyncio
 import multiprocessing
 import os
 import signal
@@ -11,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from roslf_design.errors import InputError, Problem
-from roslf_design.explorer.jobs import Done, Failure, ProcessJob, Progress
+from roslf_design.explorer.jobs import Done, Failure, Later, ProcessJob, Progress
 
 
 def double(request, tell):
@@ -157,6 +158,21 @@ def test_no_run_outlives_a_killed_program(tmp_path):
         os.kill(child, 0)
         parent.send_signal(signal.SIGKILL)
         assert gone(child)
+
+
+def test_work_that_fails_is_told_and_done_again_when_asked_again():
+    done, told = [], []
+
+    async def play():
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: told.append(context["exception"]))
+        later = Later(lambda: done.append("done"))
+        for work in (lambda: 1 / 0, lambda: 1 / 0, lambda: done.append("work")):
+            later.do("one", work, "subject", 0.01)
+            await asyncio.sleep(0.2)
+
+    asyncio.run(play())
+    assert [type(error) for error in told] == [ZeroDivisionError] * 2
+    assert done == ["work", "done"]
 
 
 def test_nothing_of_these_runs_is_left():

@@ -4,6 +4,7 @@ import asyncio
 import inspect
 import os
 import re
+import time
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ from roslf_design.explorer import session as session_module
 from roslf_design.explorer.jobs import PAUSE
 from roslf_design.explorer.report_run import run_report
 from roslf_design.explorer.runs import Run
-from roslf_design.explorer.server import PAGE
+from roslf_design.explorer.server import PAGE, _Tab
 from roslf_design.explorer.session import DownloadError, Session
 from roslf_design.explorer.state import FIELDS, LIGHT, STEPS, TABS
 from roslf_design.explorer.view import DRAWINGS, glance, lights, with_cards
@@ -154,6 +155,69 @@ def test_whatever_goes_wrong_in_one_picture_leaves_the_others(monkeypatch, part,
     with pytest.raises(DownloadError):
         asyncio.run(session.download("microlens.svg"))
     assert asyncio.run(session.download("mla-map.svg")).content.startswith(b"<?xml")
+
+
+def test_words_of_an_abandoned_pass_are_said_of_their_own_design_only(monkeypatch):
+    make = DRAWINGS["microlens"].make
+    failing = DRAWINGS["microlens"]._replace(make=lambda *a: 1 / 0 if session.design == PAPER else make(*a))
+    monkeypatch.setitem(DRAWINGS, "microlens", failing)
+    session = Session(PAPER)
+
+    async def play(*request):
+        session.opened("", "light", {})
+        for part in session.parts():
+            if "picture_microlens" in part():
+                break
+        getattr(session, request[0])(*request[1:])
+        page = session.page()
+        session.close()
+        return page["message"]
+
+    assert "cannot be drawn" in asyncio.run(play("set_theme", "light"))
+    session = Session(PAPER)
+    assert asyncio.run(play("write", "D_F", "3.5 mm")) == ""
+
+
+def test_a_theme_chosen_while_a_picture_is_drawn_is_the_next_ones(monkeypatch):
+    make = DRAWINGS["microlens"].make
+    session = Session(PAPER)
+    slow = DRAWINGS["microlens"]._replace(make=lambda *a: (make(*a), session.set_theme("dark"))[0])
+    light = played(Session(PAPER))["picture_microlens"]
+    monkeypatch.setitem(DRAWINGS, "microlens", slow)
+    assert played(session)["picture_microlens"] == light
+
+
+class FaultyPage(Session):
+    """The first of its parts fails, once and late."""
+
+    fails = 1
+
+    def parts(self):
+        def first():
+            time.sleep(0.2)
+            self.fails -= 1
+            return {} if self.fails < 0 else {}[0]
+
+        yield first
+
+
+def test_what_is_asked_while_a_part_fails_is_answered(monkeypatch, caplog):
+    told = []
+    monkeypatch.setattr(_Tab, "_update", lambda tab, values: told.append(values.get("answered")))
+
+    async def play():
+        tab = _Tab(FaultyPage(PAPER))
+        handle = tab._handler("undo")
+        handle()
+        await asyncio.sleep(0.05)
+        handle()
+        await tab._showing
+        await tab.close()
+
+    asyncio.run(play())
+    assert told[0] == 1
+    assert told[-1] == 2
+    assert "KeyError" in caplog.text
 
 
 @pytest.mark.parametrize(("fault", "preset"), [(FAULTY[0], "paper"), (FAULTY[1], "paper-singlet")])
