@@ -582,7 +582,7 @@ def precision(
     sampled = "Sobol points" if plan.draws.sampling == "sobol" else "random builds"
     accuracy = Accuracy(
         "statistical error of the yield and of each quantile's rank (0.01: 1 % of the Monte Carlo units)",
-        f"{plan.trials} {sampled}; {shapes_text(plan)}",
+        f"{plan.trials:,} {sampled}; {shapes_text(plan)}",
         max(SIGMAS * ranks.expected, 0.5 * (high - low)),
         measured,
         by,

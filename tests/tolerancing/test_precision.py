@@ -86,19 +86,20 @@ def test_a_study_to_an_accuracy(tmp_path, capsys):
     study.write_text(STUDY)
     results = []
     for name in ("one", "two"):
-        assert main(["tolerance", str(study), "-o", str(tmp_path / name), "--accuracy", "0.05", "--json"]) == 0
+        assert main(["tolerance", str(study), "-o", str(tmp_path / name), "--accuracy", "0.02", "--json"]) == 0
         printed = json.loads(capsys.readouterr().out)
         assert printed["accuracy"]["seconds"] > 0
         results.append((tmp_path / name / "results.json").read_bytes())
     assert results[0] == results[1]  # times are told, not written
     told = json.loads(results[0])
-    assert told["trials"] == trials_for(0.05)
-    assert told["accuracy"]["asked"] == 0.05
-    assert told["accuracy"]["expected_error"] <= 0.05
+    assert told["trials"] == trials_for(0.02)
+    assert told["accuracy"]["asked"] == 0.02
+    assert told["accuracy"]["expected_error"] <= 0.02
     assert told["accuracy"]["measured_error"] > 0
+    assert told["accuracy"]["method"].startswith("2,500 random builds; ")
     assert "closed forms" in told["accuracy"]["method"]
     page = (tmp_path / "one" / "index.html").read_text()
-    assert "asked for 0.05" in page
+    assert "asked for 0.02" in page
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "1e-20", "fine", "2"])

@@ -89,7 +89,7 @@ def optimization_finding(result: Result, take: str = "best", words: str = "") ->
     blocks, ends = _optimization_section(result).blocks, ends_of(answer)
     if take != "best":
         own = in_words(_reached(result, take))
-        said = replace(said, text=f"{said.text} This report is of another design, {words}: {own}; believe these of it.")
+        said = replace(said, text=f"{said.text} This report is of another design, {words}; its own numbers: {own}.")
         other = f"This section is about the study's optimum, all else in this report about {words}."
         blocks = (Paragraph(other), *blocks)
     if answer.feasible and ends_differ(ends):
