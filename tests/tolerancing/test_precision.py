@@ -96,7 +96,7 @@ def test_a_study_to_an_accuracy(tmp_path, capsys):
     assert told["accuracy"]["asked"] == 0.02
     assert told["accuracy"]["expected_error"] <= 0.02
     assert told["accuracy"]["measured_error"] > 0
-    assert told["accuracy"]["method"].startswith("2,500 random builds; ")
+    assert told["accuracy"]["method"].startswith("2,601 random builds; ")
     assert "closed forms" in told["accuracy"]["method"]
     page = (tmp_path / "one" / "index.html").read_text()
     assert "asked for 0.02" in page
