@@ -227,7 +227,7 @@ def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:
             return Problem(key, f"is called {own} here" if f"{table}.{name}" == key else f"is {own} in [{table}]")
         tables = [_at(model, (table,)) for table in _keys(model)]
         holding = [table for table in tables if any(name in _keys(one) for one in table.models)]
-        homes = [f"[[{table.key}]]" if table.listed else f"[{table.key}]" for table in holding]
+        homes = [_head(table, name if table.key == detail["loc"][0] else "") for table in holding]
         remedy = f"it stands in {' or '.join(homes)}" if homes else nearest(name, known)
         return Problem(key, f"is not a known key; {remedy}")
     such_as = f" such as {json.dumps(at.examples[0])}" if at.examples else ""
@@ -307,6 +307,12 @@ def _at(model: type[BaseModel], place: Sequence[int | str]) -> _Place:
             named = get_origin(kind) in (dict, Mapping) and get_args(kind)[:1] == (str,)
             examples = () if field is None else field.examples or ()
     return _Place(".".join(map(str, names)), models, listed, entries, examples)
+
+
+def _head(place: _Place, key: str) -> str:
+    """Head of a table; with the kinds that have a key, if any."""
+    kinds = " or ".join(f'{KIND} = "{_tag(one)}"' for one in place.models if key in _keys(one))
+    return (f"[[{place.key}]]" if place.listed else f"[{place.key}]") + (f" ({kinds})" if kinds else "")
 
 
 def _field(table: type[BaseModel], key: str) -> FieldInfo | None:
