@@ -107,7 +107,7 @@ def _named(kind: Kind, part: str, files: Sequence[Path]) -> str:
     """Value of `part` in a design: its name, of one in a file of the user's with that."""
     name = json_text(part).strip()
     own = [path for path in files if part in (one.part for one in load_catalogue([path], shipped=False).of(kind))]
-    return f"{{file = {json_text(own[0].name).strip()}, name = {name}}}" if own else name
+    return f"{{file = {json_text(str(own[0])).strip()}, name = {name}}}" if own else name
 
 
 def _theirs(every: Sequence[Mapping[str, Any]], text: str) -> str:
