@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from itertools import chain
 from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args
@@ -47,6 +49,8 @@ class Option(StrictTable):
     """Option of several to choose from."""
 
     gives: ClassVar[Gives] = {}
+    declares: ClassVar[Gives] = {}
+    """Place of a design to what some of its kind have there."""
     part: Annotated[str, Field(min_length=1)]
     """Name or number; unique among its kind."""
 
@@ -58,7 +62,7 @@ class Option(StrictTable):
     @property
     def declared(self) -> dict[str, Any]:
         """Place of a design to what is known of this one, beside numbers that all of its kind have."""
-        return {}
+        return {place: value for place, read in self.declares.items() if (value := read(self)) is not None}
 
     @property
     def is_cut(self) -> bool:
@@ -250,6 +254,10 @@ class _SensorPart(Entry):
         "sensor.size.0": lambda sensor: sensor.size[0],
         "sensor.size.1": lambda sensor: sensor.size[1],
     }
+    declares: ClassVar[Gives] = {
+        "sensor.acceptance": attrgetter("acceptance"),
+        "sensor.colours": attrgetter("colours"),
+    }
 
     pixel: Length
     pixels: tuple[int, int]
@@ -257,12 +265,6 @@ class _SensorPart(Entry):
     """Angle at which a pixel takes half of the light [rad]; None where nothing is known."""
     colours: Colours | None = None
     """Filters on its pixels; None where it is sold with and without."""
-
-    @property
-    def declared(self) -> dict[str, Any]:
-        """Acceptance and colours."""
-        keys = {"sensor.acceptance": self.acceptance, "sensor.colours": self.colours}
-        return {place: value for place, value in keys.items() if value is not None}
 
     @property
     def size(self) -> tuple[float, float]:
@@ -365,15 +367,8 @@ NAMED: Mapping[str, Kind] = {
     "elements": "windows",
 }
 """Table of a design to the kind of part that it may name."""
-GIVEN: Mapping[Kind, tuple[str, ...]] = {
-    "lenses": ("focal_length", "diameter"),
-    "microlens_arrays": ("pitch", "focal_length", "size", "layout", "lens_shape"),
-    "sensors": ("pixel", "size", "acceptance", "colours"),
-    "windows": ("thickness", "material", "diameter"),
-}
-"""Keys that a part gives its table."""
-NEEDED: Mapping[Kind, int] = {"lenses": 2, "microlens_arrays": 3, "sensors": 2, "windows": 2}
-"""How many of them, the first, make a table whole."""
+WITHOUT: Mapping[Kind, Collection[str]] = {"microlens_arrays": ("layout", "lens_shape"), "windows": ("diameter",)}
+"""Keys that a part gives its table, and that is whole without."""
 CLOSE = 0.7
 """Likeness from which on a name is taken for one misspelt."""
 INSTEAD = {
@@ -391,9 +386,11 @@ def with_named_parts(place: str, value: Any, folder: str | Path | None) -> Any:
     InputError
         Every part that is not known, at its place in the table.
     """
-    tables, several, faults = value if isinstance(value, (list, tuple)) else [value], place == "elements", []
+    several, faults = place == "elements", list[Problem]()
+    if several and not isinstance(value, (list, tuple)):
+        return value
     filled = list[Any]()
-    for k, table in enumerate(tables):
+    for k, table in enumerate(value if several else [value]):
         named = isinstance(table, Mapping) and table.get("part") is not None and table.get("kind", "plate") == "plate"
         try:
             filled.append(_filled(NAMED[place], table, None if folder is None else Path(folder)) if named else table)
@@ -402,7 +399,7 @@ def with_named_parts(place: str, value: Any, folder: str | Path | None) -> Any:
             faults.append(Problem(f"{k}.part" if several else "part", words))
     if faults:
         raise InputError(tuple(faults))
-    return filled if isinstance(value, (list, tuple)) else filled[0]
+    return filled if several else filled[0]
 
 
 def _filled(kind: Kind, table: Mapping[str, Any], folder: Path | None) -> Mapping[str, Any]:
@@ -422,32 +419,80 @@ def _filled(kind: Kind, table: Mapping[str, Any], folder: Path | None) -> Mappin
     InputError
         No such part, at `part`, and too few values of its own.
     """
-    asked, path = table["part"], SHIPPED / f"{kind}.toml"
-    needed, own = {*GIVEN[kind][: NEEDED[kind]]}, {INSTEAD.get(key, key) for key in table}
-    if isinstance(asked, Mapping) and {*asked} == {"file", "name"} and all(isinstance(v, str) for v in asked.values()):
-        if folder is None:
-            raise _no_part("this text may open no file; write the part's values instead")
-        asked, path = asked["name"], folder / asked["file"]
-    elif not isinstance(asked, str) or own >= needed:
+    asked, own, whole = table["part"], {INSTEAD.get(key, key) for key in table}, _needed(kind)
+    if isinstance(asked, str) and own >= whole:
         return table
-    listed = read_toml(path, path.name).get(kind)
-    tables = [one for one in listed if isinstance(one, Mapping)] if isinstance(listed, list) else []
-    parts = {str(one.get("part")): one for one in tables}
-    called = [name for name, one in parts.items() if asked.lower() in (name.lower(), _with_maker(one).lower())]
-    if not called:
-        if path.parent == SHIPPED and own >= needed - {"diameter"}:
+    try:
+        entry = _named_part(kind, asked, folder)
+    except InputError:
+        if isinstance(asked, str) and own >= whole - {"diameter"}:
             return table
-        words, command = kind.replace("_", " "), f"`roslf catalogue --kind {kind}` lists them"
-        where = f'one of your own is part = {{file = "mine.toml", name = "{asked}"}}'
-        near = nearest(asked, [*parts, *map(_with_maker, parts.values())], f"{command}, and {where}", least=CLOSE)
-        raise _no_part(f"'{asked}' is none of the {words} in {path.name}; {near}")
-    entry = validated(MODELS[kind], parts[called[0]], path.name, folder=path.parent)
+        raise
     given = {key: value for key, value in entry.table.items() if INSTEAD.get(key, key) not in own}
     return {**given, **table, "part": entry.part}
 
 
-def _with_maker(part: Mapping[str, Any]) -> str:
-    return f"{part.get('maker', '')} {part.get('part', '')}".strip()
+def left_to(kind: Kind, table: Mapping[str, Any], asked: Any) -> dict[str, Any]:
+    """Values that a table keeps where another part is asked for: not what that gives, nor what the one before declares.
+
+    Where none is called so, and the values of its own do not make the table whole, its reader tells it.
+    """
+    try:
+        given = {INSTEAD.get(key, key) for key in _named_part(kind, asked, Path()).table}
+    except InputError:
+        given = _needed(kind)
+    own = {key: value for key, value in table.items() if INSTEAD.get(key, key) not in given}
+    with suppress(InputError):
+        for place, value in _named_part(kind, table["part"], None).declared.items():
+            if own.get(_key(place)) == value:
+                del own[_key(place)]
+    return own
+
+
+def _needed(kind: Kind) -> set[str]:
+    """Keys that make a table whole, whatever part of a kind it names."""
+    return {_key(place) for place in MODELS[kind].gives}.difference(WITHOUT.get(kind, ()))
+
+
+def _named_part(kind: Kind, asked: Any, folder: Path | None) -> Entry:
+    """The part that is called so; `asked` and `folder` as `_filled` has them.
+
+    Raises
+    ------
+    InputError
+        None is, or several are, at `part`; or faults of the file.
+    """
+    path = SHIPPED / f"{kind}.toml"
+    if isinstance(asked, Mapping) and {*asked} == {"file", "name"} and all(isinstance(v, str) for v in asked.values()):
+        if folder is None:
+            raise _no_part("this text may open no file; write the part's values instead")
+        asked, path = asked["name"], folder / asked["file"]
+    elif not isinstance(asked, str):
+        raise _no_part(f'must be text, or {{file = "mine.toml", name = "its part"}}, got {asked!r}')
+    listed = read_toml(path, path.name).get(kind)
+    tables = [one for one in listed if isinstance(one, Mapping)] if isinstance(listed, list) else []
+    names = [(part := str(one.get("part")), f"{one.get('maker', '')} {part}".strip()) for one in tables]
+    called, words = meant(asked, names), kind.replace("_", " ")
+    if not called:
+        command = f"`roslf catalogue --kind {kind}` lists them"
+        where = f'one of your own is part = {{file = "mine.toml", name = "{asked}"}}'
+        near = nearest(asked, [*chain(*zip(*names, strict=True))], f"{command}, and {where}", least=CLOSE)
+        raise _no_part(f"'{asked}' is none of the {words} in {path.name}; {near}")
+    if len(called) > 1:
+        several = " and ".join(f"'{names[k][0]}'" for k in called)
+        raise _no_part(f"'{asked}' names {len(called)} {words} in {path.name}: {several}; write one so, or rename one")
+    return validated(MODELS[kind], tables[called[0]], path.name, folder=path.parent)
+
+
+def meant(asked: str, names: Sequence[tuple[str, str]]) -> list[int]:
+    """Indices of parts, each by its name and by that with its maker, called so: to the letter, else in other case."""
+    exact = [k for k, own in enumerate(names) if asked in own]
+    return exact or [k for k, own in enumerate(names) if asked.lower() in (name.lower() for name in own)]
+
+
+def _key(place: str) -> str:
+    """Key of a table that a place of a design is at, or in."""
+    return place.split(".")[1]
 
 
 def _no_part(message: str) -> InputError:

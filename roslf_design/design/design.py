@@ -15,7 +15,7 @@ from pydantic_core import PydanticCustomError
 from ..bore.chain import MEDIUM
 from ..bore.conjugates import CONJUGATES, follower
 from ..bore.part import TEMPERATURE, Part
-from ..catalogue.entries import GIVEN, INSTEAD, NAMED
+from ..catalogue.entries import LENS_PRESCRIPTION, NAMED, left_to
 from ..errors import InputError, Problem
 from ..lenses.glass import AIR
 from ..tables import Table
@@ -129,12 +129,14 @@ class Design(Assembly):
         if self.aperture.behind is not None and PATHS["d_3"] in wanted and BEHIND not in wanted:
             wanted[BEHIND] = -wanted.pop(PATHS["d_3"])
         data = _mutable(self)
-        for place in [path.removesuffix(".part") for path in wanted if path.endswith(".part") and wanted[path]]:
-            table, given = at(data, place) or {}, GIVEN[NAMED[place.partition(".")[0]]]
-            for key in [key for key in table if INSTEAD.get(key, key) in given]:
-                del table[
-                    key
-                ]  # the part before gave it, or the file: now this one does, where no change says otherwise
+        for path in [path for path in wanted if path.endswith(".part") and wanted[path]]:
+            if wanted[path] == at(self, path):
+                del wanted[path]
+                continue
+            place = path.removesuffix(".part")
+            kind, table = NAMED.get(re.sub(r"^elements\.\d+$", "elements", place)), at(data, place)
+            if kind is not None and isinstance(table, dict) and table.get("kind", "plate") == "plate":
+                _put(data, place, left_to(kind, table, wanted[path]))
         followed = _with_follower(self, wanted)
         if LENS_PART in wanted and FOCAL not in wanted:
             followed.pop(FOCAL, None)  # that of the lens before
@@ -286,9 +288,14 @@ def _own(key: str) -> dict[str, str]:
 
 
 def _with_follower(design: Design, wanted: dict[str, Any]) -> dict[str, Any]:
-    """Changes that leave open that one of f, d_f and d_1 which follows from the two that are kept or changed."""
+    """Changes that leave open that one of f, d_f and d_1 which follows from the two that are kept or changed.
+
+    Another prescription is another lens than the one that was named.
+    """
+    if wanted.get(LENS_PRESCRIPTION, own := design.main_lens.prescription) != own:
+        wanted = {LENS_PART: None, **wanted}
     changed = [key for key in wanted if key not in CONJUGATES or wanted[key] is not None]
-    if FOCAL in design.main_lens.kind.follows and wanted.get("main_lens.prescription", ...) is not None:
+    if FOCAL in design.main_lens.kind.follows and wanted.get(LENS_PRESCRIPTION, ...) is not None:
         # f is the lens's own: of d_f and d_1 the one that is not changed follows.
         open_ones = [key for key in (PLANE, DISTANCE) if key not in changed]
         return {**wanted, open_ones[0]: None} if len(open_ones) == 1 else wanted

@@ -5,6 +5,7 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.catalogue import load_catalogue
+from roslf_design.design.check import at
 from roslf_design.optimization import Combinations
 from roslf_design.reporting.design.parts_list import named_parts, parts_section
 from tests.optimization.posing import goal, posed
@@ -89,6 +90,34 @@ def test_a_table_that_is_whole_may_have_any_name():
     assert dict(named_parts(design))["sensor"] == "lot 7, not in the catalogue"
     assert roslf.loads(roslf.dumps(design)) == design
 
+    shipped = own.replace("lot 7", "Sony IMX250").replace("2 um", "3.45 um").replace("[900, 700]", "[2448, 2048]")
+    assert dict(named_parts(roslf.loads(shipped)))["sensor"] == "Sony IMX250"
+
+
+@pytest.mark.parametrize(
+    ("names", "asked", "pixel"),
+    [("qQ", "Q", 3e-3), ("qQ", "q", 2e-3), ("qq", "q", None), ("qQ", "M Q", 3e-3), ("qQ", "m q", None)],
+)
+def test_a_name_is_one_part_to_the_letter_or_in_other_case(tmp_path, names, asked, pixel):
+    entry = '[[sensors]]\npart = "%s"\nmaker = "M"\npixel = "%d um"\npixels = [900, 700]\nprovenance = "x"\n'
+    entries = (entry % pair + 'confidence = "typical"\n' for pair in zip(names, (2, 3), strict=True))
+    (tmp_path / "mine.toml").write_text("".join(entries))
+    text = SCOPE.replace('"Sony imx250"', f'{{file = "mine.toml", name = "{asked}"}}')
+    if pixel:
+        assert roslf.loads(text, folder=tmp_path).sensor.pixel == pixel
+        return
+    with pytest.raises(roslf.InputError, match=rf"sensor\.part: '{asked}' names 2 sensors in mine\.toml: '.' and '.'"):
+        roslf.loads(text, folder=tmp_path)
+
+
+def test_faults_of_tables_show_what_was_written():
+    for wrong in (SCOPE.replace("[[elements]]", "[elements]"), SCOPE.replace("[main_lens]", "[[main_lens]]")):
+        (line,) = told(wrong)
+        assert "'part': " in line
+        assert "Glass(" not in line
+    for kind in ("mirror", "prism"):
+        assert '[[elements]] (kind = "plate")' in told(SCOPE.replace('"plate"', f'"{kind}"'))[-1]
+
 
 def test_parts_of_a_file_of_ones_own(tmp_path):
     (tmp_path / "mine.toml").write_text(
@@ -126,6 +155,44 @@ def test_a_change_of_name_changes_the_part_and_a_change_of_focus_keeps_it():
     assert roslf.loads(roslf.dumps(other)) == other
 
 
+@pytest.mark.parametrize("place", ["aperture", "foo", "elements", "elements.7", "elements.0.material", "sensor.cover"])
+def test_a_place_that_no_part_has_is_told(place):
+    with pytest.raises(roslf.InputError, match=f"^{place}.part: is not a "):
+        roslf.loads(SCOPE).replace({f"{place}.part": "x"})
+
+
+@pytest.mark.parametrize(
+    "own", ['"lot 7"\npixel = "2 um"\npixels = [90, 70]', '"IMX250"\npixels = [100, 100]', '"OV5647"\ncolours = "RGGB"']
+)
+def test_a_name_given_again_changes_nothing(own):
+    design = roslf.loads(SCOPE.replace('"Sony imx250"', own))
+    places = ("sensor.part", "main_lens.part", "microlens_array.part", "elements.0.part")
+    assert design.replace({place: at(design, place) for place in places}) == design
+
+
+def test_another_part_takes_the_place_of_what_it_gives():
+    """Filters of one's own stay where it says nothing of them; those of the part before do not."""
+    for own, kept in (
+        ('"IMX250"\ncolours = "RGGB"', "RGGB"),
+        ('"OV5647"\ncolours = "RGGB"', "RGGB"),
+        ('"OV5647"', "mono"),
+    ):
+        sensor = roslf.loads(SCOPE.replace('"Sony imx250"', own)).replace({"sensor.part": "IMX226"}).sensor
+        assert (sensor.pixel, sensor.colours, sensor.acceptance) == (1.85e-3, kept, None)
+
+
+def test_another_prescription_is_no_longer_the_lens_that_was_named():
+    design = roslf.loads(SCOPE)
+    changes = {"main_lens.prescription": "LA1050-A", "d_f": 150.0}
+    assert design.replace(changes).main_lens.part is None
+    assert design.replace({**changes, "main_lens.part": "LA1050-A"}).main_lens.part == "LA1050-A"
+    assert design.replace({"main_lens.prescription": design.main_lens.prescription}) == design
+    base = roslf.load("paper-singlet").replace({"main_lens.part": "LA1050-A"})
+    problem = posed({"d_3": (80.0, 140.0)}, (), goal("sigma_z_mm", "min"), design=base)
+    glasses = Combinations.of(problem, load_catalogue(), ("glasses",), glasses=("N-SF11", "N-BK7"))
+    assert [glasses.problem_at(k).design.main_lens.part for k in range(2)] == [None, "LA1050-A"]
+
+
 def test_a_study_that_chooses_parts_names_them():
     """In place of those that the design named before."""
     base = roslf.load("rigid-scope").replace({"sensor.part": "IMX250"})
@@ -149,4 +216,4 @@ def test_the_catalogue_prints_what_to_paste(capsys, tmp_path):
         'confidence = "typical"\n'
     )
     catalogue(kind=["windows"], where=["part=w"], file=[mine])
-    assert 'kind = "plate"\npart = {file = "mine.toml", name = "w"}' in capsys.readouterr().out
+    assert f'kind = "plate"\npart = {{file = "{mine}", name = "w"}}' in capsys.readouterr().out

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...bore.elements import AnyElement, made_of
 from ...catalogue import Catalogue, Entry, Kind, load_catalogue
-from ...catalogue.entries import NAMED
+from ...catalogue.entries import NAMED, meant
 from ...design.check import at
 from ...theory.colours import PIXEL_FILTERS
 from ...words import length
@@ -194,12 +194,13 @@ def _catalogue_match(
     if kind == "lenses" and (bought := lens_words(design.main_lens.kind).bought):
         return bought, None  # whose surfaces say which one it is
     own = _own(design, kind, window).part
-    named = [part for part in catalogue.of(kind) if part.part == own]
+    parts = catalogue.of(kind)
+    named = [] if own is None else [parts[k] for k in meant(own, [(part.part, part.name) for part in parts])]
     if own is not None and not named:
         return f"{own}, not in the catalogue", None
-    unlike = {part.part: UNLIKE[kind](part, design, window) for part in named or catalogue.of(kind)}
-    same = [part for part in named or catalogue.of(kind) if not unlike[part.part].words]
-    best = min(same or named or catalogue.of(kind), key=lambda part: (unlike[part.part].size, part.area), default=None)
+    unlike = {part.part: UNLIKE[kind](part, design, window) for part in named or parts}
+    same = [part for part in named or parts if not unlike[part.part].words]
+    best = min(same or named or parts, key=lambda part: (unlike[part.part].size, part.area), default=None)
     if best is None:
         return "the catalogue has none", None
     if named and not same:
