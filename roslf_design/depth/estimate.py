@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._jit import THREADS
 from ..calibration.decoding import LightField
 from .bends import window_bends
-from .occlusion import BESIDE_STEP, SIZES, beside_steps, past_edges
+from .occlusion import BESIDE_STEP, SIZES, Limits, beside_steps, past_edges
 from .warping import (
     SUMS,
     add_pulls,
@@ -27,7 +27,7 @@ from .warping import (
     spline_coefficients,
     spread_of_zones,
 )  # fmt: skip
-from .windows import QUORUM, SharedLight, WindowFit, box, chance
+from .windows import QUORUM, SharedLight, WindowFit, box, chance, noise_by_texture
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -368,18 +368,17 @@ def estimate_disparity(
     progress(2 / 3)
     wanted = (judged.status == DisparityStatus.INCONSISTENT) | (judged.status == DisparityStatus.OUT_OF_RANGE)
     wanted |= (judged.status == DisparityStatus.AMBIGUOUS) & (fit.misfit(largest_chi2) > 1)
-    return _with_edges(judged, wanted, look, first, largest_sigma, pooled)
+    level = noise_by_texture(fit.chi2, look.picture, window) if noise.measured else np.ones(views.shape)
+    return _with_edges(judged, wanted, look, first, Limits(largest_sigma, pooled, level))
 
 
-def _with_edges(
-    judged: DisparityMap, wanted: Flags, look: SharedLight, start: Start, largest_sigma: float,
-    alike: Sequence[float] | None,
-) -> DisparityMap:  # fmt: skip
+def _with_edges(judged: DisparityMap, wanted: Flags, look: SharedLight, start: Start, limits: Limits) -> DisparityMap:
     """Disparities with those of smaller windows and of quarters of the views, where they are `wanted`."""
     every, groups = start.every, start.zones
     assert every is not None
     views, (low, high) = every.views, judged.search
-    left, above = ((side <= 0, side > 0) for side in views.pupil.mean(axis=(2, 3)))
+    # The middle view shows what the microlens sees: without it a quarter agrees on what lies behind an edge beside.
+    left, above = ((side <= 1e-6, side >= -1e-6) for side in views.pupil.mean(axis=(2, 3)))
     few = views.sparse if len(views.grid) >= _MANY else np.ones(len(views.grid), np.bool_)
     known = judged.disparity[judged.measured]
     least, most = (max(low, known.min() - 1), min(high, known.max() + 1)) if known.size else (low, high)
@@ -391,7 +390,7 @@ def _with_edges(
             every if each else replace(every, views=views.some(some)), least, most, SIZES[0], coarse, near,
             groups.some(some[few]) if each and groups is not None else None,
         ).disparity,
-        every.look, largest_sigma, alike,
+        every.look, limits,
     )  # fmt: skip
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
     disparity = np.where(new, found.disparity, judged.disparity)

@@ -10,12 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from .._jit import THREADS, kernel, prange
+from .warping import add
 from .windows import CHI2, SPARE, STRAIN, SharedLight, WindowFit, carried, chance
 
 Array = NDArray[np.float64]
@@ -26,7 +28,7 @@ SIZES = (5, 3)
 SETTLED = 0.25
 """Change of disparity from the one warped back by up to which a slope tells it well enough near an edge [pitches]."""
 AT_ODDS = 5.0
-"""Chi-square per degree of freedom above which a window is at odds with itself there: edges alias."""
+"""Chi-square per degree of freedom, over that of like texture, above which windows are at odds there: edges alias."""
 _PICKED = 1.3
 """Factor by which the least of the errors of many windows is taken as too small: chosen on rendered light fields, not
 derived."""
@@ -40,6 +42,20 @@ _TILE = 16
 _DEPTH_STEP, BESIDE_STEP = 0.9, 2.0
 """Difference of known disparities within `SIZES[0]` that is a depth step [pitches], and the factor by which errors are
 larger there than windows tell: pixels show some of both sides. Chosen on rendered light fields, not derived."""
+
+
+class Limits(NamedTuple):
+    """Limits that windows beside steps are held to."""
+
+    largest_sigma: float
+    alike: Sequence[float] | None
+    """How much more windows of `SIZES` vary than if noise were each sample's own, where views tell it."""
+    level: Array
+    """Chi-square of windows that see one surface."""
+
+    def own(self, freedom: Array) -> Array:
+        """Chi-square per degree of freedom up to which a microlens's views, of so many degrees, see the surface."""
+        return np.asarray(np.maximum(AT_ODDS, chance(freedom)) * ndimage.minimum_filter(self.level, SIZES[0]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +73,14 @@ class _Offered:
         """Nothing to begin with."""
         return cls(np.full(shape, np.nan), np.full(shape, np.inf), *(np.zeros(shape) for _ in range(3)))
 
-    def take(self, look: SharedLight, wanted: Flags, largest_sigma: float, alike: Sequence[float] | None) -> None:
+    def take(self, look: SharedLight, wanted: Flags, limits: Limits) -> None:
         """Take the windows of a look that know more than those so far."""
-        own_limit = np.maximum(AT_ODDS, chance(look.sums[10]))
+        largest_sigma, alike, level = limits
+        own_limit = limits.own(look.sums[10])
         raw, moment = (np.where(look.gradient[2], part, 0) for part in look.moments)
         for number, window in enumerate(SIZES):
             fit = WindowFit.of(look, window, ndimage.binary_dilation(wanted, np.ones((window, window), np.bool_)))
-            widened, misfit = _PICKED * fit.widened(alike[number] if alike else None), fit.misfit(AT_ODDS)
+            widened, misfit = _PICKED * fit.widened(alike[number] if alike else None), fit.misfit(AT_ODDS, level)
             with THREADS:
                 _take_best.compiled(
                     fit.maps, widened, misfit, look.disparity, look.sums, raw, moment,
@@ -136,7 +153,9 @@ def settle(look: SharedLight, window: int, number: int, before: Array, least: Ar
     """Correct the disparities of a look once over windows, and choose them where they leave less than so far.
 
     They become those `chosen` of look `number`, instead of any other's, where chi-square per degree of freedom is below
-    `least`, unless they are what that had `before`.
+    `least`, unless they are what that had `before`. It is that of the microlens's own views and of the best window that
+    holds it: beside a step that about it sees both surfaces, whichever of the two it is compared along, and the edge
+    is the nearer one's.
     """
     with THREADS:
         _settle.compiled(
@@ -153,8 +172,10 @@ def _settle(
     rows, columns = begun.shape
     for tile in prange((rows + _TILE - 1) // _TILE):
         top, bottom = tile * _TILE, min(tile * _TILE + _TILE, rows)
-        low, high = max(top - reach, 0), min(bottom + reach, rows)
-        terms, down = np.zeros((high - low, 4, columns)), np.zeros((4, columns))
+        first, last = max(top - reach, 0), min(bottom + reach, rows)
+        low, high = max(first - reach, 0), min(last + reach, rows)
+        terms, down = np.zeros((high - low, 4, columns)), np.zeros((4, columns + 2 * reach))
+        windows, total = np.zeros((last - first, 2, columns)), np.zeros((4, columns))
         for v in range(low, high):
             raw, moment, squares, free = terms[v - low]
             above, below = max(v - 1, 0), min(v + 1, rows - 1)
@@ -165,33 +186,42 @@ def _settle(
                 raw[u] = x * x * sums[4, v, u] + 2 * x * y * sums[5, v, u] + y * y * sums[6, v, u]
                 moment[u] = x * sums[7, v, u] + y * sums[8, v, u]
                 squares[u], free[u] = sums[9, v, u], sums[10, v, u]
+        for v in range(first, last):
+            down[:], total[:] = 0.0, 0.0
+            for k in range(4):
+                for b in range(max(v - reach, 0), min(v + reach + 1, rows)):
+                    add(terms[b - low, k], 1.0, down[k, reach : reach + columns])
+                for a in range(2 * reach + 1):
+                    add(down[k, a:], 1.0, total[k])
+            changes, costs = windows[v - first]
+            for u in range(columns):
+                near, pull, square, freedom = total[:, u]
+                change = min(max(-pull / max(near, 1.0), -_FURTHEST), _FURTHEST)
+                changes[u], costs[u] = change, math.inf
+                if freedom > 1:
+                    costs[u] = (square + (2 * pull + near * change) * change) / freedom
         for v in range(top, bottom):
-            down[:] = 0.0
-            for b in range(max(v - reach, 0), min(v + reach + 1, rows)):
-                for k in range(4):
-                    there, here = terms[b - low, k], down[k]
-                    for u in range(columns):
-                        here[u] += there[u]
+            raw, moment, squares, free = terms[v - low]
             for u in range(columns):
                 if not sums[11, v, u] > 0:
                     continue
-                near, pull, square, freedom = 0.0, 0.0, 0.0, 0.0
-                for a in range(max(u - reach, 0), min(u + reach + 1, columns)):
-                    near, pull = near + down[0, a], pull + down[1, a]
-                    square, freedom = square + down[2, a], freedom + down[3, a]
-                change = min(max(-pull / max(near, 1.0), -_FURTHEST), _FURTHEST)
-                square, settled = square + (2 * pull + near * change) * change, begun[v, u] + change
-                again = abs(settled - before[v, u]) <= SETTLED
-                if freedom > 1 and square < least[v, u] * freedom and not again:
-                    least[v, u] = square / freedom
-                    for k in range(chosen.shape[0]):
-                        chosen[k, v, u] = settled if k == number else math.nan
+                for b in range(max(v - reach, 0), min(v + reach + 1, rows), reach):
+                    for a in range(max(u - reach, 0), min(u + reach + 1, columns), reach):
+                        change, cost = windows[b - first, 0, a], windows[b - first, 1, a]
+                        settled = begun[v, u] + change
+                        if cost >= least[v, u] or abs(settled - before[v, u]) <= SETTLED:
+                            continue
+                        own = squares[u] + (2 * moment[u] + raw[u] * change) * change
+                        cost = max(cost, own / max(free[u], 0.5))
+                        if cost < least[v, u]:
+                            least[v, u] = cost
+                            for k in range(chosen.shape[0]):
+                                chosen[k, v, u] = settled if k == number else math.nan
 
 
 def past_edges(
     first: SharedLight, wanted: Flags, quarters: Sequence[tuple[Flags, Flags]], disparity: Array,
-    search: Callable[[Flags, Flags], Array], look: Callable[..., SharedLight], largest_sigma: float,
-    alike: Sequence[float] | None,
+    search: Callable[[Flags, Flags], Array], look: Callable[..., SharedLight], limits: Limits,
 ) -> _Offered:  # fmt: skip
     """Disparities of the microlenses `wanted`, where other windows or a quarter of the views have them.
 
@@ -202,7 +232,7 @@ def past_edges(
     some views along disparities, as `_AllViews` does.
     """
     found = _Offered.none(wanted.shape)
-    found.take(first, wanted, largest_sigma, alike)
+    found.take(first, wanted, limits)
     tried = np.full((len(quarters), *wanted.shape), np.nan)
     for last in (False, True):
         wanted = wanted & ~np.isfinite(found.sigma)
@@ -220,7 +250,7 @@ def past_edges(
             for side in (*sides, *others):
                 settle(look([(few, side)], first.picture), SIZES[0], number, tried[number], least, chosen)
         parts = [(whole, own) for (whole, _), own in zip(quarters, chosen, strict=True)]
-        found.take(look(parts, first.picture), wanted, largest_sigma, alike)
+        found.take(look(parts, first.picture), wanted, limits)
         tried = chosen
     return found
 

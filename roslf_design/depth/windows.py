@@ -23,6 +23,8 @@ TERMS = 19
 disparity, residual and freedom, as `_window_terms` makes them, and counts (2)."""
 DISPARITY, SIGMA, CHI2, FREE, STRAIN, SPARE, ACROSS, DOWN, UU, UV, VV, WITH_U, WITH_V, OVER, UNDER = range(15)
 """Rows of `WindowFit.maps`, in the order of its fields."""
+_BINS = 12
+"""Parts of a field, from little texture to much, that tell what is left between views."""
 QUORUM = 0.25
 """Share of a window's microlenses that must say something of its disparity."""
 
@@ -122,9 +124,12 @@ class WindowFit:
         assert self.disparity.base is not None
         return self.disparity.base
 
-    def misfit(self, least: float = 0.0) -> Array:
-        """Larger of `chi2` and `strain` against what chance, or `least`, allows: above 1 is at odds."""
-        chi2 = self.chi2 / np.maximum(chance(self.free), least)
+    def misfit(self, least: float = 0.0, level: Array | float = 1.0) -> Array:
+        """Larger of `chi2`, over a `level`, and `strain` against what chance, or `least`, allows: above 1 is at odds.
+
+        Strain has no level: noise alike in neighbouring pixels, as real views have it, adds to it whatever `chi2` is.
+        """
+        chi2 = self.chi2 / (level * np.maximum(chance(self.free), least))
         return np.maximum(chi2, self.strain / np.maximum(chance(self.spare), least))
 
     @property
@@ -300,6 +305,22 @@ def chance(freedom: Array) -> Array:
     """Chi-square per degree of freedom that chance exceeds once in 3000 at most (Laurent and Massart 2000, lemma 1)."""
     over = 8.0 / np.maximum(freedom, 0.5)
     return np.asarray(1 + 2 * np.sqrt(over) + 2 * over)
+
+
+def noise_by_texture(chi2: Array, picture: Array, window: int) -> Array:
+    """Chi-square that windows have where they see one surface, each by its texture.
+
+    Beside noise, interpolation and aliasing leave between views what grows with the square of the picture's slopes. How
+    much is told by the middle window of each of `_BINS` parts of a field, which differ by texture.
+    """
+    slopes = box(np.add(*(np.square(slope) for slope in np.gradient(picture))), window) / window**2
+    known, some = chi2 > 0, chi2[chi2 > 0]
+    if some.size < _BINS**2:
+        return np.full(chi2.shape, np.median(some) if some.size else 1.0)
+    parts = np.array_split(np.argsort(slopes[known]), _BINS)
+    x, y = (np.array([np.median(each[part]) for part in parts]) for each in (slopes[known], some))
+    least, rise = np.linalg.lstsq(np.stack([1 / y, x / y], axis=1), np.ones(_BINS))[0]
+    return np.asarray(max(least, y.min() / 2) + max(rise, 0) * slopes)
 
 
 def box(values: NDArray[Any], window: int) -> NDArray[Any]:
