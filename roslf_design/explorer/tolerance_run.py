@@ -55,7 +55,7 @@ class ToleranceResult(Yields):
         share, (low, high) = self.share, self.share.interval
         return {
             "headline": f"{_percent(share.value)} of the Monte Carlo units (builds) hold every limit "
-            f"(95 % interval {_percent(low)} to {_percent(high)}; {share.trials} builds)",
+            f"(95 % interval {_percent(low)} to {_percent(high)}; {share.trials:,} builds)",
             "question": to_html(self.question),
             "rows": [
                 {"label": to_html(label), "share": _percent(share.value)}
@@ -86,7 +86,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     done = 0
     tallies = []
     for index in range(plan.chunks):
-        tell(done / total, f"{done} of {trials} builds")
+        tell(done / total, f"{done:,} of {trials:,} builds")
         tallies.append(tally_chunk(plan, index))
         done += plan.chunk_trials(index)
     variant = summarise(plan, merged(tallies))[-1]
@@ -123,7 +123,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
         spreads=tuple(_spreads(variant)),
         grades=tuple(by_grade),
         curve=tuple(curve),
-        question=f"{trials} Monte Carlo units (builds) to the grade '{study.grade}', the decoder {decoder}. A build is "
+        question=f"{trials:,} Monte Carlo units (builds) to the grade '{study.grade}', the decoder {decoder}. A build is "
         "good with: "
         f"{'; '.join([USUAL_LIMITS] * (not request.only_own) + [_limit_words(limit) for limit in request.limits])}. "
         f"{' '.join(filter(None, told))}",

@@ -453,7 +453,7 @@ def _warnings(
         yield f"not linear, so RSS misleads (use Monte Carlo): {', '.join(bent)}"
     if plan.draws.sampling == "sobol" and plan.trials & (plan.trials - 1):
         power = 1 << (plan.trials - 1).bit_length()
-        yield f"{plan.trials} trials of a Sobol sequence are less even than a power of two, e.g. {power}"
+        yield f"{plan.trials:,} trials of a Sobol sequence are less even than a power of two, e.g. {power:,}"
     tilts = any(".tilt." in p.place for p in plan.draws.perturbations)
     if tilts and "non_distortion_room_mm" in plan.question.metrics:
         yield "non_distortion_room_mm is right to first order in tilts; kept_fraction is exact in them"
@@ -564,7 +564,7 @@ def precision(
     if each >= LEAST:
         values = tally.measured[: each * PARTS, -1].T
         share = each * PARTS / plan.trials
-        by = f"{PARTS} parts of the first {len(tally.measured)} trials" + (", scaled" if share < 1 else "")
+        by = f"{PARTS} parts of the first {len(tally.measured):,} trials" + (", scaled" if share < 1 else "")
 
         def error(good: NDArray[np.bool_], of: NDArray[np.bool_] | np.bool_ = np.True_) -> Array:
             """Standard errors of the share of good builds, shape (..., trials), among those that count."""

@@ -62,7 +62,7 @@ def test_errors_measured_from_part_of_a_run_are_scaled_to_it():
     tally = tally_chunk(plan, 0)
     final = summarise(plan, tally)[-1]
     kept = precision(plan, tally, final)
-    assert kept.accuracy.measured_by == "20 parts of the first 10000 trials, scaled"
+    assert kept.accuracy.measured_by == "20 parts of the first 10,000 trials, scaled"
     assert kept.yield_.measured == pytest.approx(kept.yield_.expected, rel=0.7)
     assert kept.ranks.measured == pytest.approx(kept.ranks.expected, rel=0.7)
     assert (kept.accuracy.asked, kept.accuracy.kept) == (None, None)
