@@ -123,8 +123,8 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
         spreads=tuple(_spreads(variant)),
         grades=tuple(by_grade),
         curve=tuple(curve),
-        question=f"{trials:,} Monte Carlo units (builds) to the grade '{study.grade}', the decoder {decoder}. A build is "
-        "good with: "
+        question=f"{trials:,} Monte Carlo units (builds) to the grade '{study.grade}', the decoder {decoder}. A build "
+        "is good with: "
         f"{'; '.join([USUAL_LIMITS] * (not request.only_own) + [_limit_words(limit) for limit in request.limits])}. "
         f"{' '.join(filter(None, told))}",
     )

@@ -548,7 +548,7 @@ def test_a_run_ends_when_it_is_cancelled_and_with_its_tab(page, open_page, explo
     assert until(lambda: not explorer.runs())
     start(page, "tolerance", trials=1_000_000)
     page.wait_for_function(
-        "() => /of 1,000,000 builds/.test(document.querySelector('[data-testid=form-tolerance]').innerText)", timeout=LONG
+        "() => /of 1,000,000 b/.test(document.querySelector('[data-testid=form-tolerance]').innerText)", timeout=LONG
     )
     click(page, "cancel-tolerance")
     assert page.inner_text("[data-testid=failed-tolerance]") == "cancelled"
