@@ -23,6 +23,8 @@ from .part import Number
 from .real_lens import focal_length_at, mounted_lens
 
 FOCAL, DIAMETER = CONJUGATES[0], "main_lens.diameter"
+HIATUS = "hiatus"
+"""Place, beside those of a design, of the distance between a real lens's principal planes, H to H' [mm]."""
 AGREEMENT = 1e-6
 """Relative difference from the lens's own numbers, beyond which others contradict them."""
 NEAR_SHEET = 0.1
@@ -146,6 +148,11 @@ class MainLensKind:
     def planes(self, wavelength: float) -> tuple[float, float]:
         """Front and rear principal plane, along z from the first vertex [mm]."""
         return 0.0, 0.0
+
+    def hiatus(self, wavelength: float) -> float:
+        """Distance from H to H', below 0 where they stand crossed [mm]."""
+        front, rear = self.planes(wavelength)
+        return self.gap + (rear - front)
 
     def rows(self, focal_length: float, diameter: float) -> list[SequenceRow]:
         """Surfaces as other programs take them."""

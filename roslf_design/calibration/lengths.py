@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bore.part import TEMPERATURE
-from ..camera import TIP, VIEWING_CONDITIONS, Camera
+from ..camera import BESIDE, VIEWING_CONDITIONS, Camera
 from ..design import PATHS, Design
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
@@ -145,7 +145,7 @@ def _rates(design: Design, best: Mapping[str, float], sheet: DataSheet, pupil: b
     With the `pupil` also what moves the logarithm of its images' share of the pitch, in a fourth row.
     """
     numbers = {**Camera.of(design).numbers, **best}
-    left_out = {PATHS["d_f"], PATHS["wavelength"], TEMPERATURE, TIP, *VIEWING_CONDITIONS}
+    left_out = {PATHS["d_f"], PATHS["wavelength"], TEMPERATURE, *BESIDE, *VIEWING_CONDITIONS}
     values = {place: float(number) for place, number in numbers.items() if place not in left_out}
     steps = NUDGE * np.maximum(np.abs([*values.values()]), 1e-3)
     offsets = np.concatenate([np.diag(steps), -np.diag(steps)], axis=1)

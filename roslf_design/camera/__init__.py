@@ -3,7 +3,7 @@
 from ..bore.part import Number
 from .camera import Camera
 from .frames import Frame, Vector
-from .numbers import TEMPERATURES, TIP, VIEWING_CONDITIONS
+from .numbers import BESIDE, TEMPERATURES, TIP, VIEWING_CONDITIONS
 from .rims import Rim
 
-__all__ = ["TEMPERATURES", "TIP", "VIEWING_CONDITIONS", "Camera", "Frame", "Number", "Rim", "Vector"]
+__all__ = ["BESIDE", "TEMPERATURES", "TIP", "VIEWING_CONDITIONS", "Camera", "Frame", "Number", "Rim", "Vector"]

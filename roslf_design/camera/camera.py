@@ -20,7 +20,7 @@ from .._arrays import Array, magnitude, same
 from ..bore.chain import BoreWalk, Chain, ImagedPlane, StandingElement
 from ..bore.conjugates import CONJUGATES, follower
 from ..bore.lens import IMAGE
-from ..bore.main_lens import IdealMainLens, MainLensKind
+from ..bore.main_lens import HIATUS, IdealMainLens, MainLensKind
 from ..bore.opening import ClearAperture
 from ..bore.part import TEMPERATURE, Colours, Layout, Number, PartNumbers, minus, plus, times
 from ..design import Design, DesignError, Problem
@@ -698,6 +698,11 @@ class Camera(Symbols[Number]):
     def array_size(self) -> tuple[Number, Number]:
         """Width and height of the microlens array [mm]."""
         return self._numbers["microlens_array.size.0"], self._numbers["microlens_array.size.1"]
+
+    @property
+    def hiatus(self) -> Number:
+        """Distance between the main lens's principal planes, which lengths along the outside have besides [mm]."""
+        return self._numbers.get(HIATUS, self.lens.gap)
 
     @cached_property
     def tip(self) -> Array:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..bore.main_lens import HIATUS
 from ..bore.opening import TURN
 from ..bore.part import TEMPERATURE, Number
 from ..design import Design
@@ -38,6 +39,8 @@ VIEWING_CONDITIONS = frozenset((*PHOTOMETRIC, *OPTIONAL))
 """All of these: what a camera is used with, not what it is built of."""
 TIP = "tip"
 """Beside the places of a design: where a bore ends that its own stops do not show [mm before the main lens]."""
+BESIDE = frozenset((TIP, HIATUS))
+"""All numbers beside the places of a design."""
 
 
 def numbers_of(design: Design) -> dict[str, Number]:
@@ -60,7 +63,9 @@ def numbers_of(design: Design) -> dict[str, Number]:
         places += [f"tube.{name}" for name in known if getattr(design.tube, name) is not None]
     if design.environment is not None:
         places.append(TEMPERATURE)
-    return {**{place: design[place] for place in places}, TIP: design.main_lens.kind.front, **design.bore_numbers}
+    lens = design.main_lens.kind
+    beside = {TIP: lens.front, **({HIATUS: lens.hiatus(design.wavelength)} if lens.mounted else {})}
+    return {**{place: design[place] for place in places}, **beside, **design.bore_numbers}
 
 
 def possible(numbers: Mapping[str, Number], signed: Collection[str]) -> Iterator[tuple[str, Any]]:
@@ -79,7 +84,7 @@ def possible(numbers: Mapping[str, Number], signed: Collection[str]) -> Iterator
             yield f"{in_file(place)} is 90 degrees or more", np.abs(value) < np.pi / 2
             continue
         yield f"{in_file(place)} is not finite", np.isfinite(value)
-        if place in (TEMPERATURE, *TEMPERATURES, PATHS["d_f"], PATHS["d_3"]):
+        if place in (TEMPERATURE, HIATUS, *TEMPERATURES, PATHS["d_f"], PATHS["d_3"]):
             continue
         if place == TIP or (name.endswith("distance") and part in ("stops", "elements")):
             yield f"{in_file(place)} is below 0", np.asarray(value) >= 0

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..bore.chain import Chain
 from ..bore.lens import power_ratio
-from ..bore.main_lens import MainLensKind
+from ..bore.main_lens import HIATUS, MainLensKind
 from ..bore.part import Number
 from ..errors import Problem
 from ..lenses.glass import Glass, growth
@@ -141,6 +141,8 @@ class Growth:
                 result[place] = (
                     behind(value - rear[0], self.chain.plates_before) + rear[1] - (rear[2] if lens_stays else 0.0)
                 )
+            elif place == HIATUS and not lens_stays:
+                result[place] = value + (front[0] - front[1]) - rear[2]
             elif place == PATHS["d_2"]:
                 result[place] = behind(value, self.chain.plates_behind)
             elif place == PATHS["d"] or place.startswith(PATHS["f_ml"]) or part == "microlens_array.size":

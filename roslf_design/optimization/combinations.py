@@ -14,7 +14,7 @@ from pydantic import AfterValidator, Field, StrictBool
 
 from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
-from ..bore.main_lens import MainLensKind
+from ..bore.main_lens import HIATUS, MainLensKind, main_lens_kind
 from ..catalogue.conditions import parse_condition, read_condition
 from ..catalogue.entries import KINDS, LENS_PRESCRIPTION, NAMED, Catalogue, Entry, Kind, Option, rows
 from ..design import PATHS, Design
@@ -206,6 +206,8 @@ class Combinations:
         warmth = () if environment is None else (environment.temperature, environment.expansion)
         own = part.behind(self.problem.design.main_lens.kind, wavelength, *warmth)
         numbers = {placed(place, self.element): value for place, value in own.items()}
+        if lens := numbers.get(LENS_PRESCRIPTION):
+            numbers[HIATUS] = main_lens_kind(lens.warmed(*warmth) if warmth else lens, False).hiatus(wavelength)
         glasses = {place: value for place, value in numbers.items() if isinstance(value, Glass)}
         return numbers | {
             f"{place.rpartition('.')[0]}.index": float(glass.index(wavelength, *warmth[:1]))
@@ -271,7 +273,7 @@ class Combinations:
         own = {place: given.pop(place) for place in (LENS_PRESCRIPTION, LENS_REVERSED) if place in given}
         if own:
             own |= {place: given.pop(place) for place in (PATHS["D"],) if place in numbers}
-            given.pop(FOCAL, None)
+            given = {place: value for place, value in given.items() if place not in (FOCAL, HIATUS)}
             design = self._behind(own, design)
         chosen = {kind: part.part for kind, part in zip(self.kinds, parts, strict=True)}
         places = {kind: place if place != "elements" else f"elements.{self.element}" for place, kind in NAMED.items()}
@@ -283,7 +285,7 @@ class Combinations:
         problem = self.problem
         units = sobol_units(problem.n, TRIED, 0)
         numbers = problem.values(units) if problem.n else {}
-        numbers = {place: value for place, value in numbers.items() if place != FOCAL}
+        numbers = {place: value for place, value in numbers.items() if place not in (FOCAL, HIATUS)}
         fault = InputError((Problem("catalogue", "no camera"),))
         for k in range(-1, len(units)):
             moved = {place: float(value[k]) for place, value in numbers.items()} if k >= 0 else {}

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from .._arrays import Array
-from ..bore.main_lens import IdealMainLens, RealMainLens, SheetMainLens
+from ..bore.main_lens import HIATUS, IdealMainLens, RealMainLens, SheetMainLens
 from ..camera import Camera, Number
 from ..design import Design
 from .lens_variables import BENDING, FOCAL, LensVariation, VariedLens, varies_lens
@@ -95,11 +95,14 @@ class _RealLensSearch(IdealLensSearch):
         return {place: value for place, value in values.items() if varies_lens(place)}
 
     def as_lengths(self, values: Mapping[str, Array]) -> Mapping[str, Array]:
-        """Values with the focal length of the surfaces, which bending alone leaves as it is."""
+        """Values with the distance between planes and focal length of the surfaces; bending alone leaves the latter."""
         own = self.own(values)
         others = {place: value for place, value in values.items() if place not in own}
-        if own.keys() - {BENDING}:
-            others[FOCAL] = self.variation.at(own).focal_length
+        if own:
+            lens = self.variation.at(own)
+            others[HIATUS] = lens.rear_principal - lens.front_principal
+            if own.keys() - {BENDING}:
+                others[FOCAL] = lens.focal_length
         return others
 
     def varied(self, values: Mapping[str, Any]) -> VariedLens:

@@ -21,7 +21,7 @@ import numpy as np
 
 from .._arrays import Array
 from ..bore.conjugates import CONJUGATES, follower
-from ..camera import TIP, Camera, Number
+from ..camera import BESIDE, TIP, Camera, Number
 from ..design import PATHS, Design
 from ..evaluation.specification import FieldImages, rays_tell
 from ..lenses.glass import Glass
@@ -233,7 +233,7 @@ class DesignProblem:
         """
         camera = self.cameras(unit[None])
         changed = (*self._set_places, *((PATHS["f_ml"],) if self.in_focus else ()), *(SIDES if self.cut else ()))
-        given = {place: value for place, value in self.given.items() if place != TIP}
+        given = {place: value for place, value in self.given.items() if place not in BESIDE}
         changes = {place: float(np.ravel(camera[place])[0]) for place in changed}
         if lens := self.main_lens.redrawn(self._values(unit)):
             changes |= lens
@@ -337,7 +337,7 @@ class DesignProblem:
 
     @cached_property
     def _set_places(self) -> tuple[str, ...]:
-        return tuple(self.values(np.zeros(self.n)))
+        return tuple(place for place in self.values(np.zeros(self.n)) if place not in BESIDE)
 
     @cached_property
     def _spreads(self) -> tuple[tuple[float, ...], tuple[float, ...]]:

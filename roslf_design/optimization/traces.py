@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
 from ..bore.part import TEMPERATURE
-from ..camera import TIP, VIEWING_CONDITIONS, Camera, Number
+from ..camera import BESIDE, VIEWING_CONDITIONS, Camera, Number
 from ..design import PATHS, Design
 from ..evaluation.specification import FieldImages
 from ..lenses.prescription import first_order
@@ -82,7 +82,7 @@ class FieldTraces:
         """Place to what builds have there, where that is not the design's own number, (T,) each."""
         shaped = () if self.lens is None else np.shape(self.lens.focal_length)
         own, builds = Camera.of(self.design).numbers, np.broadcast_shapes(self.camera.shape or (1,), shaped)
-        kept = {*VIEWING_CONDITIONS, *CONJUGATES, TIP}
+        kept = {*VIEWING_CONDITIONS, *CONJUGATES, *BESIDE}
         moved = {place: v for place, v in self.camera.numbers.items() if place not in kept}
         moved = {place: v for place, v in moved.items() if not np.array_equal(v, own[place])}
         moved[CONJUGATES[2]] = self.camera[CONJUGATES[2]]

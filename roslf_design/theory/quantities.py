@@ -168,7 +168,7 @@ def _defocus_px(c: Camera, _: Depth) -> Array:
 
 
 def _behind_lens(c: Camera) -> Number:
-    return c[PATHS["d_1"]] + c[PATHS["d_2"]] + c.lens.gap
+    return c[PATHS["d_1"]] + c[PATHS["d_2"]] + c.hiatus
 
 
 def _diameters(c: Camera, _: Depth) -> Array:
@@ -295,7 +295,8 @@ def _tube_remark(c: Camera) -> str:
 def _length_remark(c: Camera) -> str:
     turning = " and ".join(dict.fromkeys(part.kind for part in c.chain.folding))
     unfolded = f", unfolded along the light: the housing turns with the {turning}" if turning else ""
-    return f"tip to sensor{unfolded}"
+    between = f", H to H' of the main lens ({number(float(c.hiatus), 4)} mm) in it" if c.hiatus else ""
+    return f"tip to sensor{between}{unfolded}"
 
 
 def _centre_shift(images: MicrolensImages) -> Number:

@@ -76,7 +76,7 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
         glass = _widest(at.element.prescribed)
         if glass or f"{at.at.place}.diameter" in numbers or _aside(c, at.end, 0.0) is not None:
             parts.append(part(at.name, at.at.place, at.at.get("diameter", glass), at.end, glass))
-    array, d_2 = -numbers[PATHS["d_1"]] - c.lens.gap, numbers[PATHS["d_2"]]
+    array, d_2 = -numbers[PATHS["d_1"]] - c.hiatus, numbers[PATHS["d_2"]]
     parts.append(part("main lens", "main_lens", numbers[PATHS["D"]], 0.0, _widest(c.lens.prescribed)))
     parts.append(part("microlens array", "microlens_array", diagonal("microlens_array.size"), array))
     if _holds_sensor(c):

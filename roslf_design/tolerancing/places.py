@@ -21,7 +21,7 @@ from ..bore.chain import MEDIUM
 from ..bore.conjugates import REFRACTING
 from ..bore.opening import DIAMETER
 from ..bore.part import TEMPERATURE
-from ..camera import TIP, VIEWING_CONDITIONS, Camera
+from ..camera import BESIDE, VIEWING_CONDITIONS, Camera
 from ..design import PATHS, Design
 from ..design.parts import BEHIND
 from ..errors import InputError, Problem
@@ -69,7 +69,7 @@ def perturbable(design: Design) -> dict[str, str]:
         Dotted place to what it measures: "length", "angle", "ratio", "number" (an index), "gradient" or "temperature";
         in a real lens also "curvature".
     """
-    built = [place for place in Camera.of(design).numbers if place != TIP and place not in VIEWING_CONDITIONS]
+    built = [place for place in Camera.of(design).numbers if place not in BESIDE and place not in VIEWING_CONDITIONS]
     kinds = {place: _kind(place) for place in built if ".size." not in place}
     lenslets = [f"{LENSLETS}{field}.decentre.{axis}" for field in range(MOST_LENSLETS) for axis in (0, 1)]
     kinds |= dict.fromkeys([*lenslets, *([SAG] if _lenslet_sag(design) else [])], "length")

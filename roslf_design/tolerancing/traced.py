@@ -17,9 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
+from ..bore.main_lens import HIATUS
 from ..bore.opening import ClearAperture
 from ..bore.part import TEMPERATURE
-from ..camera import TIP, Camera, Number
+from ..camera import BESIDE, Camera, Number
 from ..camera.frames import frame
 from ..design import Design
 from ..design.parts import PATHS
@@ -120,6 +121,7 @@ def real_lens_builds(design: Design, values: Mapping[str, Array], trials: int) -
     train = Train.of(lens.stack, ObjectSpaceFaces.of(around), origin) if design.elements else Train.in_air(lens.stack)
     twins = {place: value for place, value in values.items() if not in_lens(place) and place != PLANE}
     twins |= {FOCAL: 1 / lens.power, DISTANCE: mla - lens.rear_principal}
+    twins[HIATUS] = lens.rear_principal - lens.front_principal
     twins |= {f"{part}.distance": lens.front_principal - z for part, z in fronts.items()}
     sound = lens.sound & (mla - before > lens.rear)
     for part, z in fronts.items():
@@ -137,7 +139,8 @@ def _warmed(design: Design, values: Mapping[str, Array]) -> dict[str, Array]:
     numbers = {**camera.numbers, **{place: value for place, value in values.items() if not in_lens(place)}}
     moved = camera.growth.moved(numbers, camera[TEMPERATURE], values[TEMPERATURE], lens_stays=True)
     trials = np.shape(values[TEMPERATURE])
-    return {place: np.broadcast_to(value, trials).copy() for place, value in moved.items() if place not in (FOCAL, TIP)}
+    around = {place: value for place, value in moved.items() if place not in (FOCAL, *BESIDE)}
+    return {place: np.broadcast_to(value, trials).copy() for place, value in around.items()}
 
 
 def _around(design: Design, values: Mapping[str, Any]) -> Camera:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .._arrays import Array
 from ..bore.part import TEMPERATURE
-from ..camera import TIP, VIEWING_CONDITIONS
+from ..camera import BESIDE, VIEWING_CONDITIONS
 from ..design import PATHS, Design
 from ..theory.length_covariance import LengthCovariance
 from ..theory.quantities import DECODED
@@ -203,7 +203,7 @@ def lengths_built(plan: TolerancePlan) -> LengthCovariance:
 def _lengths_of(plan: TolerancePlan, deviations: Array) -> tuple[tuple[str, ...], Array]:
     """Lengths that differ between builds, adjusted where anything is: their places, and numbers (places, builds)."""
     design, count = plan.question.design, deviations.shape[1]
-    left_out = {PATHS["d_f"], TIP, *VIEWING_CONDITIONS}
+    left_out = {PATHS["d_f"], *BESIDE, *VIEWING_CONDITIONS}
     if design.environment is not None and design.environment.range is not None:
         left_out.add(TEMPERATURE)
     values = plan.draws.values(deviations)

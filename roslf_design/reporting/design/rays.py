@@ -22,6 +22,7 @@ from ...evaluation import default_fields
 from ...lenses.glass import AIR
 from ...lenses.material import material_label
 from ...rays import PASSED, fans, glass_shares, trace_pupil
+from ...theory.quantities import QUANTITIES
 from ...words import length, listed
 
 if TYPE_CHECKING:
@@ -718,7 +719,8 @@ def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
     front = max(ends, key=lambda name: ends[name])
     front = front if ends[front] > 0 else "main lens"
     behind = stops.pop("FAP") if stops["FAP"] < 0 else 0.0
-    overall = max(ends.get(front, 0.0), 0.0) + design.d_1 + design.d_2
+    camera = Camera.of(design)
+    between = f" with {length(float(camera.hiatus))} from H to H'" if camera.hiatus else ""
     return [
         (f"d_2 = {length(design.d_2)}", "MLA", "sensor"),
         *([(f"stop {length(-behind)} behind", "main lens", "FAP")] if behind else []),
@@ -728,7 +730,7 @@ def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
             for name, distance in sorted(stops.items(), key=lambda stop: stop[1])
         ),
         (f"d_f = {length(design.d_f)}", "object plane", "main lens"),
-        (f"overall {length(overall)}", front, "sensor"),
+        (f"overall {length(float(QUANTITIES['total_length_mm'](camera)))}{between}", front, "sensor"),
     ]
 
 
