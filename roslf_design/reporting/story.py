@@ -40,6 +40,7 @@ from ..tolerancing.run import run_trials
 from ..tolerancing.study import TolerancePlan, tolerance_plan
 from ..tolerancing.summaries import summarise
 from ..tolerancing.tally import Tally
+from ..tolerancing.trials import lengths_built
 from ..toml_files import StrictTable, read_toml, validated
 from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Statements
 from .calibrate.pages import Calibrated, calibrated_finding, plan_finding, read_calibration
@@ -450,7 +451,8 @@ def datasheet_of(
     if kind == "design":
         design = as_design(str(path))
         known = None if calibration is None else _known(calibration, design)
-        return basis(design if known is None else known.design, None, known, at)
+        looked = _looked(design, calibration)
+        return basis(design if known is None else known.design, None, known, at, looked)
     data, origin = read_toml(path, str(path)), str(path)
     if kind == "tolerance":
         design = tolerance_plan(data, None, path.parent, origin)[0].question.design
@@ -461,7 +463,8 @@ def datasheet_of(
     best = _taken(result, "best")
     if best is None:
         raise InputError((Problem("", _nothing(result, "best")),), origin)
-    return basis(best, None, None if calibration is None else _known(calibration, best), at)
+    known = None if calibration is None else _known(calibration, best)
+    return basis(best, None, known, at, _looked(best, calibration))
 
 
 def _basis_of(story: _Story, parts: Sequence[_Walked], at: Sequence[float] = ()) -> SpreadSources:
@@ -492,6 +495,13 @@ def _known(calibration: Path | PlanOptions, named: Design) -> CalibrationSpread:
             raise refusal("calibration", best)
         return CalibrationSpread("as planned", named, lengths_after(named, best, calibration))
     return CalibrationSpread(f"as in {calibration.name}", *calibrated_camera(calibration, named))
+
+
+def _looked(design: Design, calibration: Path | PlanOptions | None) -> LengthCovariance | None:
+    """Lengths as a report's first look builds them, known before a calibration that is planned."""
+    if not isinstance(calibration, PlanOptions):
+        return None
+    return lengths_built(tolerance_plan(quick_study(design, calibration.seed), design)[0])
 
 
 def _known_if_told(calibration: Path, named: Design) -> CalibrationSpread | None:

@@ -9,18 +9,21 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.calibration.options import PlanOptions, planned_lengths
+from roslf_design.calibration.options import PlanOptions, calibration_plan, planned_lengths
 from roslf_design.camera import Camera
 from roslf_design.commands import report as report_command
 from roslf_design.drawing.marks import Dots, Line, Text
 from roslf_design.evaluation.evaluate import held_to
 from roslf_design.reporting import story
 from roslf_design.reporting.blocks import Report
+from roslf_design.reporting.calibrate.pages import planned_depth
 from roslf_design.reporting.sheet import lines as datasheet
 from roslf_design.reporting.sheet.lines import DEPTH, EXPECTED, basis, datasheet_report, datasheet_section
 from roslf_design.reporting.sweep import sweep_picture
 from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.limits import limits
+from roslf_design.tolerancing.study import tolerance_plan
+from roslf_design.tolerancing.trials import lengths_built
 from tests.commands.test_cli import run
 from tests.reporting.made import rough_resolution, views_as_refocused
 
@@ -355,7 +358,7 @@ def test_a_calibrated_camera_is_not_known_worse_than_it_was_built(monkeypatch, r
     """Each line of a sheet; depth as expected on it is that of `evaluate`, which names the same largest term."""
     monkeypatch.setattr(datasheet, "FEW", 8)
     design = roslf.load("paper")
-    study = {**story.quick_study(design), "trials": 512}
+    study = {**story.story.quick_study(design), "trials": 512}
     built = story._builds_alone(study, design)
     known = datasheet.CalibrationSpread("as planned", design, planned_lengths(design, PlanOptions()))
     grounds, bare = datasheet.basis(design, built, known), datasheet.basis(design, None, known)
@@ -373,7 +376,7 @@ def test_a_calibrated_camera_is_not_known_worse_than_it_was_built(monkeypatch, r
 
 
 def test_a_sheet_with_the_calibration_that_is_planned(tmp_path, capsys, rough):
-    """U is that of the plan, at a distance asked for as well."""
+    """U is that of a report's plan, whose first look's tolerances are known before; of captures alone it is larger."""
     assert (
         run(capsys, "datasheet", "paper", "--calibration", "planned", "--at", "240mm", "-o", tmp_path / "a.json")[0]
         == 0
@@ -383,9 +386,17 @@ def test_a_sheet_with_the_calibration_that_is_planned(tmp_path, capsys, rough):
     code, out, _ = run(capsys, "calibrate", "--plan", "paper", "--at", "240mm", "--json")
     plan = json.loads(out)
     assert code == 0
-    assert lines["U at 240 mm"] == pytest.approx(plan["depth_expected_at"][0]["expanded_mm"])
-    (known,) = (each for each in told["depth_by_lengths"] if each["lengths"] == "as calibrated")
-    assert known["expanded_mm"] == pytest.approx(plan["depth_expected"]["expanded_mm"])
+    design, asked = roslf.load("paper"), PlanOptions(at=(240.0,))
+    build = lengths_built(tolerance_plan(story.quick_study(design), design)[0])
+    there, focus = (
+        planned_depth(design, calibration_plan(design, asked), asked, build, at).expanded_mm for at in (240, None)
+    )
+    assert lines["U at 240 mm"] == pytest.approx(there)
+    assert there < plan["depth_expected_at"][0]["expanded_mm"]
+    by_lengths = {each["lengths"]: each["expanded_mm"] for each in told["depth_by_lengths"]}
+    assert by_lengths["as calibrated"] == pytest.approx(focus)
+    assert focus < min(plan["depth_expected"]["expanded_mm"], by_lengths["as a first look builds them"])
+    assert "Tolerances of a first look count as known before it" in told["basis"]
     assert "as planned" in told["basis"]
     assert "Values are those of that instrument" not in told["basis"]
 

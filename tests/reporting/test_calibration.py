@@ -228,7 +228,10 @@ def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine():
     assert f"U = ± {at_focus:.3g} mm in the focal plane" in depth.text
     assert f"± {there:.3g} mm at 300 mm ahead of the tip" in depth.text
     assert depth.text.count("there the model alone tells depth") == 1  # boards stand about the focal plane
-    assert "the model alone tells depth. A report or story knows tolerances, too: its U is no larger." in depth.text
+    assert (
+        "the model alone tells depth. A report, data sheet or story knows tolerances, too: its U is no larger."
+        in depth.text
+    )
     assert depth.text.startswith("Calibration as planned, by captures alone: ")
     built = LengthCovariance(("sensor.distance",), np.array([[1e-6]]))
     text = plan_finding(paper, asked, built).section.blocks[1].items[0].text

@@ -269,13 +269,15 @@ def refuse(*_, **__):
 
 
 def test_a_required_depth_counts_the_builds_of_the_first_look(without_figures, few_builds):
-    asked = load("paper").replace({"required": {"u_z_mm": {"max": 1e3}}})
+    asked = load("paper").replace({"required": {"u_z_mm": [{"max": 1e3}, {"at": "240 mm", "max": 1e3}]}})
     report = story.full_report(asked)
+    (by_distance,) = (table for table in blocks(report, Table) if table.title == "At its distances")
+    assert [row[0] for row in by_distance.rows][1:] == ["240 mm"]
     told = blocks(report, Statements)[0].items[0]
     assert "depth, expected" in told.text
     assert "and lengths as built" in told.text
     tables = {table.title: table for table in report.sections[1].blocks if isinstance(table, Table)}
-    (required,) = tables["Required"].rows  # one verdict, that of the summary
+    required, _ = tables["Required"].rows  # one verdict, that of the summary
     assert required[-1].startswith("met: at most 1000 mm (U = 2000 mm); U = ")  # as tables show it
     assert "as drawn" not in required[-1]
     assert f" is {required[1]} (U = " in told.text

@@ -477,7 +477,7 @@ def plan_blocks(
         text += f" Distortion is fitted ({_terms(plan.distortion)})."
     if SceneSide.of(design) is not None:
         text += " Boards stand at mechanical distances; d_3, H and the other lengths are as the main lens sees them."
-    supposed, other = "by captures alone", "A report or story knows tolerances, too: its U is no larger."
+    supposed, other = "by captures alone", "A report, data sheet or story knows tolerances, too: its U is no larger."
     if build is not None:
         u = planned_depth(design, plan, asked).expanded_mm
         supposed, other = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -13,6 +14,7 @@ from ...design import dumps
 from ...design.files import WRITTEN
 from ...evaluation import evaluate
 from ...evaluation.evaluate import evaluation_accuracy, held_as_built, held_to
+from ...evaluation.required import required_distances
 from ...evaluation.result import (
     absent_effects,
     answer_tables,
@@ -125,8 +127,9 @@ def design_report(
     studied = [findings[name] for name in STUDIES if name in findings] if findings else []
     grounds = grounds or basis(design)
     shown = grounds.shown if grounds.design is design else FieldImages.of(design)
+    wanted = sorted({*grounds.at, *required_distances(design, math.inf)})
     result = evaluate(
-        design, None, accuracy, at=grounds.at, build=grounds.build, calibration=grounds.calibration, shown=shown
+        design, None, accuracy, at=wanted, build=grounds.build, calibration=grounds.calibration, shown=shown
     )
     looked = grounds.looked
     built: list[DepthBudget] = []

@@ -532,10 +532,15 @@ def basis(
     built: BuildSpread | None = None,
     calibration: CalibrationSpread | None = None,
     at: Sequence[float] = (),
+    looked: LengthCovariance | None = None,
 ) -> SpreadSources:
-    """A design's sheet, with what a tolerance study and a calibration know of it, and lines at distances asked for."""
+    """A design's sheet, with what a tolerance study and a calibration know of it, and lines at distances asked for.
+
+    Without a study, a calibration takes the lengths as a first look builds them, `looked`, as known before.
+    """
     shown = FieldImages.of(design)
-    build = None if built is None else lengths_built(built.plan)
+    own = None if built is None else lengths_built(built.plan)
+    build = looked if own is None else own
     lengths = None if calibration is None else calibration.lengths
     camera = Camera.of(design)
     budget = partial(depth_budget, camera, build=build, calibration=lengths)
@@ -565,8 +570,8 @@ def basis(
         )
         if build is not None and calibration.lengths.planned:
             sentences.append(
-                "Tolerances count as known before it, so that its U is no larger than by captures alone, which is what "
-                "`roslf calibrate --plan` tells."
+                f"Tolerances{' of a first look' if own is None else ''} count as known before it, so that its U is no "
+                "larger than by captures alone, which is what `roslf calibrate --plan` tells."
             )
         if design is calibration.design and not calibration.lengths.planned:
             sentences.append("Values are those of that instrument.")
@@ -577,7 +582,8 @@ def basis(
     # about 0, as the direction of view.
     for key in calibrated.keys() & sigma.keys():
         calibrated[key] = min(calibrated[key], sigma[key]) if calibrated[key] > KINK * sigma[key] else sigma[key]
-    return SpreadSources(tuple(sentences), sigma, calibrated, sheet, shown, rows, build, lengths, tuple(at), judged)
+    told = (sheet, shown, rows, own, lengths, tuple(at), judged, looked)
+    return SpreadSources(tuple(sentences), sigma, calibrated, *told)
 
 
 def _value(line: _SheetLine) -> str:
@@ -616,8 +622,9 @@ def _depths_by_lengths(grounds: SpreadSources) -> Iterator[tuple[str, DepthBudge
     """Depth, expected, by how lengths are taken: each with when to quote it, or what tells it where it is not known."""
     camera, known = Camera.of(grounds.design), grounds.known
     looked = grounds.build is None and grounds.looked is not None
+    counts = "; the working range and required depths count it"
     of_uncalibrated = "quote it of cameras that nobody calibrates"
-    of_uncalibrated += "; the working range and required depths count it" if looked else ""
+    of_uncalibrated += counts * (looked and known.calibration is None)
     for lengths, budget, quote, tells in (
         ("as drawn", depth_budget(camera), "compare designs by it; quote it of no camera", ""),
         (
@@ -629,7 +636,7 @@ def _depths_by_lengths(grounds: SpreadSources) -> Iterator[tuple[str, DepthBudge
         (
             "as calibrated",
             None if known.calibration is None else known.budget(camera, None),
-            "quote it of a camera after its calibration",
+            f"quote it of a camera after its calibration{counts}",
             "not known here: `roslf datasheet --calibration` FOLDER (of one made), or planned, tells it",
         ),
     ):
@@ -649,6 +656,7 @@ def datasheet_section(grounds: SpreadSources) -> Section:
     columns = (("± 2σ, builds", grounds.sigma), ("± 2σ, calibrated", grounds.calibrated))
     spreads = [column for column in columns if column[1]]
     tables: dict[str, list[tuple[str, ...]]] = {}
+    as_drawn = grounds.looked is not None and grounds.calibration is None
     where = " ± at the focal plane is wherever a camera has that; elsewhere at the distance itself." if spreads else ""
     captions = {
         "Distances": SHARP,
@@ -656,7 +664,7 @@ def datasheet_section(grounds: SpreadSources) -> Section:
         "which U to quote." + (" How far lengths are off is a part of it: it has no ± of its own." if spreads else ""),
         DEPTH: "What photons and read noise alone allow, one standard deviation of one measurement, "
         f"{depth_basis(grounds.sheet.depth_precision.assumes)}: no instrument reaches it.",
-        "Object field": f"Ends are those of the working range{', lengths as drawn' if grounds.looked else ''}.{where}",
+        "Object field": f"Ends are those of the working range{', lengths as drawn' * as_drawn}.{where}",
         "Resolution": USABLE + where,
     }
     for line in (*grounds.rows, *(_answers(grounds) if grounds.sheet.has_views else ())):
