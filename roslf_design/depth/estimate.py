@@ -445,12 +445,14 @@ class _AllViews:
         finite = math.isfinite(noise.saturation)
         peak = ndimage.maximum_filter(picture, 5) if finite else picture
         splines, cells = views.splines
+        bent = [ndimage.correlate1d(picture, [1, -2, 1], axis) for axis in (1, 0)]
+        rough = np.stack([ndimage.uniform_filter(part**2, 9) for part in bent]).astype(np.float32)
         even, slot = not finite and not any(cells.strides), np.full(len(views.grid), -1)
         if len(each):
             slot[self.apart] = np.arange(len(each))
         with THREADS:
             common.compiled(
-                splines, cells, views.pupil, views.aside, views.still, even, chosen, disparity, picture, peak,
+                splines, cells, views.pupil, views.aside, views.still, even, chosen, disparity, picture, rough, peak,
                 views.steps, noise.electrons, noise.read_noise, noise.brightest, _ROBUST if robust else math.inf, sums,
                 slot, each,
             )  # fmt: skip

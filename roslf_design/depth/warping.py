@@ -24,22 +24,33 @@ SUMS = 12
 """Maps that `common` makes: mean, weight, mean s (2), scatter of s (xx, xy, yy), moment of values with s (2), residual
 chi-square, its expectation, number of samples."""
 TAPS = 8
-"""Samples along each axis that a place between them is interpolated from: by splines of degree 7. Those of degree 5
-turn detail of 2.5 samples by 0.8 of what they should, and disparities of such texture would be 1.5 % too large."""
-_PIECES = tuple(
+"""Samples along each axis that a place between them is interpolated from, by polynomials of degree 7. Splines of degree
+5 turn detail of 2.5 samples by 0.8 of what they should, those of degree 7 by 0.92: disparities of detail of 2.34 samples,
+as walls have at their far ends, were 1 % too large."""
+_SHARPER = 1 / (2 * math.pi * 0.62) ** 2
+"""Share of its second derivative that the spline of degree 7 has as well (Blu, Thevenaz and Unser 2001: MOMS), by which
+it passes nothing at 0.62 periods a sample, the mirror image of the finest detail: that is turned by 0.99 then."""
+_B_SPLINE = tuple(
     tuple(
         float(sum((-1) ** k * math.comb(8, k) * math.comb(7, m) * (7 - j - k) ** (7 - m) for k in range(8 - j)))
         for m in range(8)
     )
     for j in range(TAPS)
 )
-"""Coefficients of their polynomials in the part of a step that a place lies beyond the fourth, times 5040."""
-_POLES = (-0.5352804307964382, -0.12255461519232669, -0.009148694809608277)
-"""Poles of the spline: roots of x^6 + 120 x^5 + 1191 x^4 + 2416 x^3 + ... + 1 inside the unit circle."""
-_REACH = 27
+_PIECES = tuple(
+    tuple(
+        (c + (_SHARPER * (m + 2) * (m + 1) * line[m + 2] if m < 6 else 0.0)) / (1 + 42 * _SHARPER)
+        for m, c in enumerate(line)
+    )
+    for line in _B_SPLINE
+)
+"""Coefficients of their polynomials in the part of a step that a place lies beyond the fourth, times a factor."""
+_POLES = (-0.6460092239394939, -0.19827440011293504, -0.02379777982116882)
+"""Poles inside the unit circle of their values at whole steps."""
+_REACH = 39
 """Samples after which the slowest pole has died down to 5e-8."""
-_BEYOND = 11
-"""Samples that a view is continued beyond its sides before it is made a spline: 0.54^11 of an error comes back."""
+_BEYOND = 16
+"""Samples that a view is continued beyond its sides before it is made a spline: 0.65^16 of an error comes back."""
 _VECTOR = 16
 """Samples that the widest vectors hold."""
 _LINES = 32
@@ -50,8 +61,12 @@ _OUTSIDE = -9
 """Sample before a place that lies outside."""
 _SAME_PLACE = 1e-5
 """Difference of pupil coordinates, and of pitches, that is rounding."""
-_SPLINE_LOSS = 0.1235
+_SPLINE_LOSS = 0.0805
 """Noise power that a spline loses midway between two samples; elsewhere nearly (4 f (1 - f))^2.3 of it."""
+_UNSEEN, _FADES, _CELLS = 0.0124, 0.22, 6
+"""What samples beyond a view's sides, which nobody knows, leave in places d samples before the last: a variance of
+`_UNSEEN` sin^2(pi d) `_FADES`^d of the mean square of second differences of textures with detail of 2.5 samples, less
+of coarser ones; steps up to which that is looked at."""
 
 
 @kernel()
@@ -479,8 +494,14 @@ def _place(disparity: Samples, slope: float32, aside: float32, at: Whole, size: 
 
 
 @kernel()
-def _prepare(first: Whole, ahead: int, f: Samples, ends: Whole, taps: Samples, lit: Samples, kept: Samples) -> None:
-    """Ends of runs whose samples lie each so far ahead of the one before; taps, 1 inside, and freedom that is left."""
+def _prepare(
+    first: Whole, ahead: int, f: Samples, size: int, ends: Whole, taps: Samples, lit: Samples, kept: Samples,
+    unseen: Samples,
+) -> None:  # fmt: skip
+    """Ends of runs whose samples lie each so far ahead of the one before; taps, 1 inside, and freedom that is left.
+
+    `unseen`: variance by what lies beyond `size` samples, over the mean square of second differences.
+    """
     one, four, loss = float32(1), float32(4), float32(_SPLINE_LOSS)
     count = f.size
     ends[count - 1] = count
@@ -492,6 +513,21 @@ def _prepare(first: Whole, ahead: int, f: Samples, ends: Whole, taps: Samples, l
     for i in range(count):
         lost = four * f[i] * (one - f[i])
         kept[i] = one - loss * lost * lost
+    for i in range(count):
+        before, unseen[i] = min(first[i], size - 2 - first[i]), float32(0)
+        if 0 <= before < _CELLS:
+            lost, beyond = four * f[i] * (one - f[i]), f[i] if before == first[i] else one - f[i]
+            unseen[i] = float32(_UNSEEN) * lost * lost * float32(_FADES) ** (float32(before) + beyond)
+
+
+@kernel(apart=True)
+def _doubt(
+    across: Samples, rough: Samples, down: Samples, rough_down: Samples, views: float32, whole: Samples, lit: Samples
+) -> None:
+    """Take samples for as much less as what nobody saw errs in them, alike in all `views`."""
+    one = float32(1)
+    for i in range(lit.size):
+        lit[i] /= one + views * whole[i] * (across[i] * rough[i] + down[i] * rough_down[i])
 
 
 @kernel(apart=True)
@@ -592,7 +628,7 @@ def _centre(expected: Samples, sums: Samples) -> None:
             sums[6, i], sums[7, i] = sums[7, i] - total * y * y, sums[6, i] - sums[3, i] * x
             sums[8, i] -= sums[3, i] * y
             sums[9, i] = max(sums[9, i] - sums[3, i] * mean, zero)
-            sums[10, i] *= one - one / sums[11, i]
+            sums[10, i] *= one - one / max(sums[11, i], one)
             sums[0, i], sums[1, i], sums[2, i], sums[3, i] = mean + expected[i], total, x, y
         else:
             sums[:, i] = zero
@@ -626,15 +662,16 @@ def _lines(pupil: Floats, aside: Floats, chosen: Whole, still: bool) -> tuple[Wh
 @kernel(parallel=True)
 def common(
     splines: Samples, cells: Samples, pupil: Floats, aside: Floats, still: bool, even: bool, chosen: Whole,
-    disparity: Floats, picture: Floats, peak: Floats, steps: tuple[float, float], electrons: float, read: float,
-    brightest: float, robust: float, out: Floats, slot: Whole, each: Samples,
+    disparity: Floats, picture: Floats, rough: Samples, peak: Floats, steps: tuple[float, float], electrons: float,
+    read: float, brightest: float, robust: float, out: Floats, slot: Whole, each: Samples,
 ) -> None:  # fmt: skip
     """Moments of chosen views about each microlens of `picture`, warped back by `disparity` and `aside`; see `SUMS`.
 
     Weights are the inverse variance that `picture`, not the noisy sample, predicts; beyond `robust` standard errors
-    from it they fall as Huber's. Where `peak`, the brightest about a microlens, makes more than `brightest` electrons,
-    nothing is used: what by chance did not saturate would be dark by selection. `still`: each view looks from one
-    place and to one side all over; `even`: all samples have the same light, and none is near saturation. `out` stays
+    from it they fall as Huber's, and with what lies beyond a view's sides, by `rough`: mean squares of the picture's
+    second differences, along u and v. Where `peak`, the brightest about a microlens, makes more than `brightest`
+    electrons, nothing is used: what by chance did not saturate would be dark by selection. `still`: each view looks
+    from one place and to one side all over; `even`: all samples have the same light, none near saturation. `out` stays
     where no disparity is a number. Views with a `slot` leave there what they show and its weights (slot, 2, v, u).
     """
     rows, columns = disparity.shape
@@ -648,6 +685,7 @@ def common(
         first, ends = np.zeros((2, most, columns), np.int64), np.zeros((2, most, columns), np.int64)
         taps, parts = np.zeros((2, most, TAPS, columns), float32), np.zeros((2, most, columns), float32)
         inside, kept = np.zeros((2, most, columns), float32), np.zeros((2, most, columns), float32)
+        unseen, bent = np.zeros((2, most, columns), float32), np.zeros((2, columns), float32)
         for v in range(tile * _TILE, min(tile * _TILE + _TILE, rows)):
             every, some = places[0], 0
             for u in range(columns):
@@ -662,13 +700,17 @@ def common(
             sums[:], own[:] = zero, v
             for i in range(some):
                 expected[i], moves[i] = picture[v, at[i]], disparity[v, at[i]]
+                bent[0, i], bent[1, i] = rough[0, v, at[i]], rough[1, v, at[i]]
             for axis in range(2 if still else 0):
                 for n in range(lines[axis]):
                     k, begin, size = example[axis, n], at if axis == 0 else own, columns if axis == 0 else rows
                     slope, off = pupil[axis, k, v, 0] / steps[axis], aside[axis, k, v, 0] / steps[axis]
                     f = parts[axis, n, :some]
                     _place(moves, float32(slope), float32(off), begin, size, first[axis, n], f)
-                    _prepare(first[axis, n], 1 - axis, f, ends[axis, n], taps[axis, n], inside[axis, n], kept[axis, n])
+                    _prepare(
+                        first[axis, n], 1 - axis, f, size, ends[axis, n], taps[axis, n], inside[axis, n], kept[axis, n],
+                        unseen[axis, n],
+                    )  # fmt: skip
             if even:
                 light[:] = cells[0, 0, 0] * float32(electrons)
                 _inform(light, expected, float32(read * read), whole, root)
@@ -680,8 +722,10 @@ def common(
                 else:
                     _place_each(k, v, at, disparity, pupil, aside, steps, left, above, f, over, pupils)
                     for axis in range(2):
-                        own_f, axis_ends, axis_taps = parts[axis, 0, :some], ends[axis, 0], taps[axis, 0]
-                        _prepare(first[axis, 0], 1 - axis, own_f, axis_ends, axis_taps, inside[axis, 0], kept[axis, 0])
+                        _prepare(
+                            first[axis, 0], 1 - axis, parts[axis, 0, :some], rows if axis else columns, ends[axis, 0],
+                            taps[axis, 0], inside[axis, 0], kept[axis, 0], unseen[axis, 0],
+                        )  # fmt: skip
                 for i in range(some):
                     lit[i] = inside[0, g, i] * inside[1, h, i]
                 if not even:
@@ -690,6 +734,7 @@ def common(
                         light[i] = charge if charge * peak[v, at[i]] < brightest else zero
                         lit[i] = one if light[i] > zero else zero
                     _inform(light, expected, float32(read * read), whole, root)
+                _doubt(unseen[0, g], bent[0], unseen[1, h], bent[1], float32(chosen.size), whole, lit)
                 _interpolate(splines[k], left, above, ends[0, g], ends[1, h], taps[0, g], taps[1, h], value)
                 _weigh(lit, expected, whole, root, float32(robust), value, weight)
                 if slot[k] >= 0:

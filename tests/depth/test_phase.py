@@ -121,11 +121,12 @@ def test_views_that_disagree_in_bright_light_are_put_in_phase():
     """Five pitches out of focus: by mean places all microlenses of such a wall were at odds, and left so."""
     disparity, noise = 5.1, PixelNoise(100_000.0, 2.5)
     design = roslf.load("paper")
-    field = pictured(Camera.of(design), Texture.of(3, 0.2, finest=0.4), disparity, size=14)
+    field = pictured(Camera.of(design), Texture.of(3, 0.2, finest=0.4), disparity)
     viewing, estimate = geometry.ArrayGeometry(design).viewing(field), partial(estimate_disparity, noise=noise)
     views, search = viewing.prepared(field), (disparity - 0.7, disparity + 0.7)
     before = estimate(views.field, views.pupil, search=search, aside=views.aside)
-    assert before.measured.mean() < 0.05
+    # What lies beyond the sides is unknown: with half of the views, those at the border agree on a wrong disparity.
+    assert before.within(np.s_[5:-5], np.s_[5:-5]).measured.mean() < 0.05
     views = viewing.at_phase(views, before)
     inner = estimate(views.field, views.pupil, search=search, aside=views.aside).within(np.s_[4:-4], np.s_[4:-4])
     assert inner.measured.all()
