@@ -25,8 +25,8 @@ SUMS = 12
 chi-square, its expectation, number of samples."""
 TAPS = 8
 """Samples along each axis that a place between them is interpolated from, by polynomials of degree 7. Splines of degree
-5 turn detail of 2.5 samples by 0.8 of what they should, those of degree 7 by 0.92: disparities of detail of 2.34 samples,
-as walls have at their far ends, were 1 % too large."""
+5 turn detail of 2.5 samples by 0.8 of what they should, those of degree 7 by 0.92: disparities of detail of 2.34
+samples, as walls have at their far ends, were 1 % too large."""
 _SHARPER = 1 / (2 * math.pi * 0.62) ** 2
 """Share of its second derivative that the spline of degree 7 has as well (Blu, Thevenaz and Unser 2001: MOMS), by which
 it passes nothing at 0.62 periods a sample, the mirror image of the finest detail: that is turned by 0.99 then."""
@@ -64,9 +64,9 @@ _SAME_PLACE = 1e-5
 _SPLINE_LOSS = 0.0805
 """Noise power that a spline loses midway between two samples; elsewhere nearly (4 f (1 - f))^2.3 of it."""
 _UNSEEN, _FADES, _CELLS = 0.0124, 0.22, 6
-"""What samples beyond a view's sides, which nobody knows, leave in places d samples before the last: a variance of
-`_UNSEEN` sin^2(pi d) `_FADES`^d of the mean square of second differences of textures with detail of 2.5 samples, less
-of coarser ones; steps up to which that is looked at."""
+"""Variance of places d samples before the last, by those beyond a view's sides, which nobody knows: `_UNSEEN` times
+sin^2(pi d) `_FADES`^d of the mean square of second differences, with detail of 2.5 samples, less of coarser; steps
+up to which that is looked at."""
 
 
 @kernel()
