@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -71,6 +71,14 @@ class _Relaxation:
     needed: float | None
     """Limit that would make the problem feasible; None where moving it alone does not help."""
     unit: str
+    reached: float = math.nan
+    """Value where this limit alone, of all, is missed least."""
+
+    @property
+    def alone(self) -> str:
+        """Value nearest to the limit that any camera within the bounds has, all other limits left out."""
+        over = self.reached - self.limit if self.label.endswith("<=") else self.limit - self.reached
+        return "held" if over <= FEASIBLE * abs(self.limit) else number(self.reached, 6)
 
     @property
     def feasible_from(self) -> str:
@@ -123,8 +131,8 @@ class Conflict:
     @property
     def missed(self) -> str:
         """Further limits that the least-violating point misses, with what it has there, in words; empty where none."""
-        known = set(map(str, self.clashing))
-        got = [text for text in map(str, self.violations) if text not in known]
+        known = {one.limit for one in self.clashing}
+        got = [str(one) for one in self.violations if one.limit not in known]
         return f"The least-violating point misses {listed(got)}." if got else ""
 
     def to_dict(self) -> dict[str, Any]:
@@ -168,14 +176,23 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
     limits = sorted({row.constraint for row in over} - {-1})
     missed = tuple(_Violation.of(problem, sided.constraints[index], unit) for index in limits)
     # What else is missed helps not at all alone: the smallest set goes without it.
-    others = [one for one in missed if one.limit not in {way.label for way in relaxations}]
+    labels = {way.label for way in relaxations}
+    others = {
+        index: _Relaxation(one.limit, one.wanted, None, one.unit)
+        for index, one in zip(limits, missed, strict=True)
+        if one.limit not in labels
+    }
+    ways = dict(zip(sorted(smallest), relaxations, strict=True)) | others
     return Conflict(
         unit=unit,
         violation=violation,
         violations=missed,
         clashing=tuple(_Violation.of(problem, sided.constraints[index], there) for index in sorted(smallest)),
         complete=complete,
-        relaxations=(*relaxations, *(_Relaxation(one.limit, one.wanted, None, one.unit) for one in others)),
+        relaxations=tuple(
+            replace(way, reached=problem.number(sided.constraints[index], pool.alone_best(index)))
+            for index, way in ways.items()
+        ),
         bounds=tuple(
             f"{name} {variable.end(place > 0.5)}"
             for (name, variable), place in zip(problem.variables.items(), unit, strict=True)
@@ -210,6 +227,11 @@ class _Pool:
     def best(self, keep: frozenset[int]) -> Array:
         """The point met that misses some of the limits least."""
         return np.asarray(self.units[self.missed(keep).argmin()])
+
+    def alone_best(self, index: int) -> Array:
+        """The point that misses one limit least, all others left out, as far as searches tell."""
+        self.possible(frozenset({index}))
+        return self.best(frozenset({index}))
 
     def _starts(self, keep: frozenset[int]) -> list[Array]:
         starts: list[Array] = []

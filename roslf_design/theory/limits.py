@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +81,21 @@ def _read(required: Iterable[Required]) -> tuple[list[Limits], list[Problem]]:
         if fault := _fault(asked, quantity, ends["min"], ends["max"]):
             problems.append(Problem(key, fault))
         read.append((asked, quantity, ends["min"], ends["max"]))
+    if not problems:
+        problems += _apart(read)
     return read, problems
+
+
+def _apart(read: Iterable[Limits]) -> Iterator[Problem]:
+    """Faults of limits of a list that contradict each other at one place."""
+    together: dict[tuple[str, float | None], list[Limits]] = {}
+    for one in read:
+        together.setdefault((one[1].name, one[0].at), []).append(one)
+    for (name, at), several in together.items():
+        low = max((low for _, _, low, _ in several if low is not None), default=None)
+        high = min((high for *_, high in several if high is not None), default=None)
+        if fault := several[0][1].fault_of_limits(low, high):
+            yield Problem(f"required.{name}", f"{fault}{'' if at is None else f' (both at {at:g} mm)'}")
 
 
 def _fault(asked: Required, quantity: Quantity, low: float | None, high: float | None) -> str:

@@ -70,6 +70,8 @@ def quantity_named(name: str) -> Quantity:
     table = next((one for one in tables if name.startswith((f"{one}_", f"{one}."))), "")
     if table and not difflib.get_close_matches(name, QUANTITIES, 1, SLIP):
         remedy = f"what its {table.replace('_', ' ')} is, keys of the design state: `roslf keys {table}`"
+    if "'u_z_mm'" in remedy:  # U is what data sheets quote
+        remedy += " u_z_mm is the standard uncertainty, half of U (k = 2)"
     raise ValueError(f"'{name}' is no quantity of a design; {remedy}")
 
 

@@ -105,6 +105,22 @@ def test_a_limit_is_a_number_and_no_flag():
     assert all("must be a number, or text with a unit" in problem.message for problem in caught.value.problems)
 
 
+def test_limits_of_a_list_that_contradict_each_other_at_one_place_are_refused():
+    for places, refused in ((("15 mm", "15 mm"), True), (("15 mm", "20 mm"), False)):
+        least, most = (f'at = "{place}", {end}' for place, end in zip(places, ("min = 6", "max = 5"), strict=True))
+        design = asked(f"field_half_width_mm = [{{{least}}}, {{{most}}}]")
+        if not refused:
+            assert len(roslf.evaluate(design).required) == 2
+            continue
+        with pytest.raises(InputError, match=r"min 6 mm is above max 5 mm.*both at 15 mm"):
+            roslf.evaluate(design)
+
+
+def test_a_required_expanded_uncertainty_is_told_that_it_is_half_of_it_that_is_named():
+    with pytest.raises(InputError, match=r"did you mean 'u_z_mm'\? u_z_mm is the standard uncertainty, half of U"):
+        roslf.evaluate(asked('U_z_mm = {at = "15 mm", max = "0.1 mm"}'))
+
+
 def test_depth_that_is_required_says_what_it_counts_as_the_budget_has_it():
     text = 'u_z_mm = {at = "20 mm", max = "1 mm"}'
     bare = roslf.evaluate(asked(text))

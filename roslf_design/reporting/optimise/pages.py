@@ -462,6 +462,7 @@ def _tables(result: Result) -> Iterator[Table]:
                 "r",
                 lambda way: way.feasible_from or "does not help alone",
             ),
+            ("all others left out, at best", "r", lambda way: way.alone),
             ("unit", "l", lambda way: way.unit),
         )
         yield Table.of(answer.conflict.relaxations, columns, "What stands in the way")
