@@ -9,11 +9,12 @@ import numpy as np
 
 from ..calibration.cover import BoardCover
 from ..calibration.model import Poses
-from ..calibration.options import PlanOptions, calibration_plan, plan_cover
+from ..calibration.options import PlanOptions, calibration_plan, lengths_after, plan_cover
 from ..calibration.planning import CapturePlan, Captures, pupil_of, random_poses, smaller_board, too_large
 from ..camera import Camera
 from ..design import Design
 from ..errors import refusal
+from ..theory.length_covariance import CalibratedLengths
 from .captures import BoardPose, Setup
 from .targets import Sheet, setup_for, sheets
 
@@ -30,6 +31,8 @@ class Protocol:
     plan: CapturePlan
     cover: BoardCover
     sheets: tuple[Sheet, ...]
+    lengths: CalibratedLengths
+    """Lengths of the camera as the plan's captures alone calibrate them."""
 
     @classmethod
     def of(cls, design: Design, asked: PlanOptions) -> Protocol:
@@ -49,7 +52,7 @@ class Protocol:
         poses = planned_poses(design, plan.captures, asked.seed)
         setup = setup_for(design, plan.captures.board, poses, asked.seed, asked.at)
         cover = plan_cover(design, plan.captures, asked)
-        return cls(design, setup, plan, cover, sheets(setup, design.name))
+        return cls(design, setup, plan, cover, sheets(setup, design.name), lengths_after(design, plan, asked))
 
     @property
     def full(self) -> int:

@@ -21,6 +21,7 @@ from roslf_design.calibration.options import PlanOptions
 from roslf_design.reporting.bench.protocol import protocol_report
 from roslf_design.reporting.bench.targets import target_files
 from roslf_design.reporting.printers import render_pdf
+from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.quantities import QUANTITIES
 
 POINT = 25.4 / 72
@@ -196,8 +197,15 @@ def test_walls_stand_where_they_are_asked_for():
     assert wall.finest == pytest.approx(2 * QUANTITIES["object_sample_mm"](camera, 330.0), rel=0.06)
     assert wall.side > 2 * QUANTITIES["field_half_width_mm"](camera, 330.0)
     assert plan.setup.edge == plain.setup.edge
-    flat = 2 * float(QUANTITIES["u_z_mm"](camera, 330.0))
-    assert f"{flat:.2g} mm at 330 mm (U, k = 2)" in repr(protocol_report(plan))
+    right = float(depth_budget(camera, 330.0, calibration=plan.lengths).expanded_mm)  # as drawn, of no camera
+    assert right > 2 * float(QUANTITIES["u_z_mm"](camera, 330.0))
+    assert f"{right:.2g} mm at 330 mm (U, k = 2, as these boards alone calibrate)" in repr(protocol_report(plan))
+
+
+def test_a_protocol_says_at_which_temperature_it_is_captured():
+    design = roslf.load("paper").replace({"environment": {"temperature": 37.0, "calibrated_at": 23.0}})
+    words = "5 K off 23 °C, at which all of this is captured (it is used at 37 °C)"
+    assert words in repr(protocol_report(Protocol.of(design, PlanOptions(board="4x5 6 mm"))))
 
 
 def test_walls_stand_where_the_design_requires_something():

@@ -9,8 +9,9 @@ from ...bench.protocol import BRIGHT, Protocol
 from ...bench.targets import PAPER_BAR
 from ...camera import Camera
 from ...lenses.glass import AIR
+from ...theory.depth_budget import depth_budget
+from ...theory.depth_error import temperatures_met
 from ...theory.photometry import exposure
-from ...theory.quantities import QUANTITIES
 from ...words import listed
 from ..blocks import Bullets, Paragraph, Report, Section, Table
 from ..calibrate.pages import cover_statement
@@ -61,8 +62,8 @@ def _steps(protocol: Protocol) -> Table:
     design, setup, (low, high) = protocol.design, protocol.setup, protocol.counts
     camera = Camera.of(design)
     level = f"brightest {low} to {high} of {protocol.full} DN"
-    sure = [2 * float(QUANTITIES["u_z_mm"](camera, at)) for at in setup.wall.at]
-    flat = listed([f"{u:.2g} mm at {at:g} mm" for u, at in zip(sure, setup.wall.at, strict=True)])
+    sure = [float(depth_budget(camera, at, calibration=protocol.lengths).expanded_mm) for at in setup.wall.at]
+    right = listed([f"{u:.2g} mm at {at:g} mm" for u, at in zip(sure, setup.wall.at, strict=True)])
     begin = f"begin at {1e3 * float(exposure(camera)):.3g} ms, the design's"
     rows = [
         ("Warm up", "Lamp and camera on for 30 min. Set focus and stop, lock both: untouched from here on.", ""),
@@ -80,7 +81,8 @@ def _steps(protocol: Protocol) -> Table:
         ("Check", "roslf bench check, after every few boards: what is wrong, what to take next.", "check.html"),
         (
             "Flat wall",
-            f"Square to the axis; its depth is to be flat to {flat} (U, k = 2).{_without_wall(protocol)}",
+            f"Square to the axis; its depth is to be right to {right} (U, k = 2, as these boards alone calibrate)."
+            f"{_without_wall(protocol)}",
             _names("wall", setup.wall.at),
         ),
         ("Edge", "In the middle of the field, square to the axis.", _names("edge", setup.edge.at)),
@@ -147,6 +149,17 @@ def _targets(protocol: Protocol) -> Table:
 def _redo(protocol: Protocol) -> tuple[str, ...]:
     return (
         "focus, stop, microlens array or sensor was touched, or check says that something moved;",
-        "the camera's temperature is 5 K off, or it was dropped or sterilised; the lamp's brightness drifted by 3 %;",
+        f"the camera's temperature is 5 K off{_calibrated_at(protocol)}, or it was dropped or sterilised; "
+        "the lamp's brightness drifted by 3 %;",
         "another target was printed, or a bar was measured again: boards and the files made of it.",
     )
+
+
+def _calibrated_at(protocol: Protocol) -> str:
+    """Temperature at which a design says that it is calibrated, and those at which it is used."""
+    met = temperatures_met(Camera.of(protocol.design))
+    if met is None:
+        return ""
+    coldest, warmest, known = (f"{float(degrees):g}" for degrees in met)
+    used = coldest if coldest == warmest else f"{coldest} to {warmest}"
+    return f" {known} °C, at which all of this is captured (it is used at {used} °C)"
