@@ -23,7 +23,7 @@ from ..errors import InputError, Problem
 from ..lenses.manufacture import D_LINE
 from ..lenses.material import Material
 from ..toml_files import StrictTable, nearest, problems_of, read_toml, validated
-from ..units import Angle, Length, format_quantity
+from ..units import Angle, Length, format_quantity, parse_quantity
 from ..words import length
 
 Kind = Literal["lenses", "microlens_arrays", "sensors", "windows"]
@@ -493,6 +493,14 @@ def meant(asked: str, names: Sequence[tuple[str, str]]) -> list[int]:
 def _key(place: str) -> str:
     """Key of a table that a place of a design is at, or in."""
     return place.split(".")[1]
+
+
+def other_focal_length(part: str, f: float) -> float | None:
+    """Focal length of a shipped lens [mm], where it is not about `f`; None where it is, or none is so called."""
+    path = SHIPPED / "lenses.toml"
+    named = next((one for one in read_toml(path, path.name)["lenses"] if one["part"] == part), None)
+    own = f if named is None else parse_quantity(named["focal_length"], "length")
+    return own if abs(own / f - 1) > ALIKE else None
 
 
 def _no_part(message: str) -> InputError:

@@ -12,6 +12,7 @@ import numpy as np
 from .._arrays import product
 from ..bore.main_lens import IdealMainLens
 from ..camera import Camera
+from ..catalogue.entries import other_focal_length
 from ..design import Design
 from ..design.growth import not_known, not_named
 from ..lenses.glass import ROOM
@@ -452,6 +453,12 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
         wide = "than a microlens" if design.q > array.pitch else "than those of any usual sensor"
         meant = "" if pixel < 0.1 else f", or are {pixel:.4g} um meant?"
         yield f"pixels of {length(pixel)} are wider {wide} (pitch {length(array.pitch)}): check sensor.pixel{meant}"
+    lens = design.main_lens
+    if lens.part and lens.focal_length is not None and (f := other_focal_length(lens.part, lens.focal_length)):
+        yield (
+            f"main_lens.focal_length of {length(lens.focal_length)} is the file's own, of an ideal lens, not "
+            f"{lens.part}'s, which is {length(f)}: drop focal_length for that lens, or part"
+        )
     for side, mla, sensor in zip(("wide", "high"), array.size, design.sensor_size, strict=True):
         if sensor > mla * (1 + 1e-9):
             yield (

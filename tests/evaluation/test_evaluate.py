@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.catalogue import load_catalogue
+from roslf_design.catalogue.entries import other_focal_length
 from roslf_design.cli import main
 from roslf_design.commands.report import maker
 from roslf_design.design import DesignError, preset_names
@@ -292,6 +293,13 @@ def test_warnings_name_what_is_odd(paper):
         (full,) = roslf.evaluate(apart.replace(changes)).warnings
         assert "neighbouring" not in full
         assert "light.exposure" in full
+
+
+def test_a_focal_length_beside_a_part_that_has_another_is_told(paper):
+    for part, told in (("AC050-010-A", True), ("quote 118", False)):
+        design = paper.replace({"main_lens.part": part, "main_lens.focal_length": paper.f})
+        assert any("AC050-010-A's, which is 10 mm" in one for one in roslf.evaluate(design).warnings) is told
+    assert other_focal_length("AC050-010-A", 9.9) is None
 
 
 def test_depth_that_overlapping_images_cannot_tell_is_none_and_says_why(paper):
