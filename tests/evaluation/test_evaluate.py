@@ -297,7 +297,8 @@ def test_warnings_name_what_is_odd(paper):
 
 def test_a_focal_length_beside_a_part_that_has_another_is_told(paper):
     for part, told in (("AC050-010-A", True), ("quote 118", False)):
-        design = paper.replace({"main_lens.part": part, "main_lens.focal_length": paper.f})
+        own = {"main_lens.focal_length": paper.f, "main_lens.diameter": paper.D}
+        design = paper.replace({"main_lens.part": part, **own})
         assert any("AC050-010-A's, which is 10 mm" in one for one in roslf.evaluate(design).warnings) is told
     assert other_focal_length("AC050-010-A", 9.9) is None
 
