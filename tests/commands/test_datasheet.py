@@ -358,7 +358,7 @@ def test_a_calibrated_camera_is_not_known_worse_than_it_was_built(monkeypatch, r
     """Each line of a sheet; depth as expected on it is that of `evaluate`, which names the same largest term."""
     monkeypatch.setattr(datasheet, "FEW", 8)
     design = roslf.load("paper")
-    study = {**story.story.quick_study(design), "trials": 512}
+    study = {**story.quick_study(design), "trials": 512}
     built = story._builds_alone(study, design)
     known = datasheet.CalibrationSpread("as planned", design, planned_lengths(design, PlanOptions()))
     grounds, bare = datasheet.basis(design, built, known), datasheet.basis(design, None, known)
