@@ -151,8 +151,9 @@ def in_file(place: str) -> str:
 
 
 def sentence(text: str) -> str:
-    """Text with a capital and a full stop; "f-number" and symbols such as d_3 keep their small letter."""
-    capital = text[:1].upper() + text[1:] if text[:2].isalpha() or text[:2] == "a " else text
+    """Text with a capital and a full stop; "f-number", symbols (d_3) and keys of files keep their small letter."""
+    key = re.match(r"\w+[._]\w", text)
+    capital = text[:1].upper() + text[1:] if (text[:2].isalpha() and not key) or text[:2] == "a " else text
     return capital if not text or text.endswith((".", "?")) else f"{capital}."
 
 

@@ -380,7 +380,8 @@ def _normals(part: Body) -> Array:
     a, b, c, d = (part.points[corners[:, k]] for k in range(4))
     normals = np.zeros_like(part.points)
     np.add.at(normals, corners.ravel(), np.repeat(np.cross(c - a, d - b), 4, axis=0))
-    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(np.divide(normals, lengths, out=normals, where=lengths > 0))  # none where faces are but a line
 
 
 def _object(

@@ -463,7 +463,7 @@ def _margin(evaluation: Evaluation, verdict: Verdict) -> str:
         return "not guaranteed"
     if name == "microlens_speed":
         return f"f/{short(evaluation.f_number.microlens_lens, 3)}"
-    if lens is None:
+    if lens is None or name != "thin_lens_holds":
         return ""
     image = farthest_off(lens)
     return "no image" if image is None else f"{short(image[0], 2)} px"

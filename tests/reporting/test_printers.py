@@ -217,8 +217,8 @@ def test_numbers_lengths_and_sentences():
         *("0 mm", "63 um", "1.55 um", "0.1 mm", "140 mm", "22.272 mm")
     ]
     assert [rounded(*pair) for pair in ((1.52345, 0.0123), (120.456, 23.4), (2.0, 0.0))] == ["1.523", "120", "2.000000"]
-    assert [sentence(t) for t in ("", "so", "d_3 off?", "f-number met.", "a rim")] == [
-        *("", "So.", "d_3 off?", "f-number met.", "A rim.")
+    assert [sentence(t) for t in ("", "so", "d_3 off?", "f-number met.", "a rim", "bore.x = 1")] == [
+        *("", "So.", "d_3 off?", "f-number met.", "A rim.", "bore.x = 1.")
     ]
 
 
