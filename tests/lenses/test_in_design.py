@@ -133,7 +133,8 @@ def test_the_thin_twin_has_the_same_numbers():
     design = real(diameter='"40 mm"').replace({"main_lens.decentre": (0.1, 0.0)})
     twin = design.thin_twin
     assert twin.lens is None
-    assert Camera.of(twin).numbers == Camera.of(design).numbers
+    thick = Camera.of(design).numbers
+    assert Camera.of(twin).numbers == {name: value for name, value in thick.items() if name != "hiatus"}
     assert twin == loads(dumps(twin))
     assert twin.main_lens.decentre == (0.1, 0.0)
 
