@@ -27,7 +27,7 @@ from aiohttp.log import server_logger
 from trame_client.module import vue3
 from trame_server import Server
 
-from ..errors import refusal
+from ..errors import FAULTS, refusal
 from .jobs import ASIDE
 from .session import DownloadError, Session
 from .view import with_cards
@@ -118,7 +118,7 @@ class _Tab:
                         break
                 else:
                     self._update({"answered": asked})
-            except Exception:  # noqa: BLE001  the terminal says why; the page waits no longer
+            except (*FAULTS, OSError):  # the terminal says why; the page waits no longer
                 self._update({"answered": asked})
                 server_logger.exception("A part of the page failed")
 
