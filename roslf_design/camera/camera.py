@@ -28,6 +28,7 @@ from ..design.growth import Growth
 from ..design.parts import BEHIND, PATHS, Symbols
 from ..errors import expect
 from ..lenses.angles import AngleMap
+from ..lenses.glass import ROOM
 from ..toml_files import nearest
 from .frames import Frame, Vector, along, cross, dot, frame, total
 from .lengths import ApparentLengths, RulerLengths
@@ -205,6 +206,13 @@ class Camera(Symbols[Number]):
         """Camera whose lengths are as measured at whatever temperature: `replace` moves none of them with it."""
         own = self.layout, self.lens_shape, self.lens, self.chain, self.materials
         return Camera(self._numbers, *own, colours=self.colours)
+
+    @cached_property
+    def cold(self) -> Camera:
+        """The camera at 20 degrees C, at which sizes of parts are stated (ISO 1); itself where it is not warm."""
+        if self.growth is None or np.all(np.equal(self[TEMPERATURE], ROOM)):
+            return self
+        return self.replace({TEMPERATURE: ROOM})
 
     def without(self, places: Collection[str]) -> Camera:
         """Camera without numbers that need not be given."""

@@ -17,7 +17,7 @@ from ..bore.conjugates import CONJUGATES, follower
 from ..bore.part import TEMPERATURE, Part
 from ..catalogue.entries import LENS_PRESCRIPTION, NAMED, left_to
 from ..errors import InputError, Problem
-from ..lenses.glass import AIR
+from ..lenses.glass import AIR, ROOM
 from ..tables import Table
 from ..toml_files import nearest
 from ..units import format_quantity
@@ -197,6 +197,16 @@ class Design(Assembly):
         if self.environment is None:
             return self.replace({"environment": {"temperature": temperature}})
         return self.replace({TEMPERATURE: temperature})
+
+    @property
+    def at_room(self) -> Design:
+        """Design as sizes of parts are stated, at 20 degrees C; itself where nothing is warm or a material unknown."""
+        if self.environment is None or self.environment.temperature == ROOM:
+            return self
+        try:
+            return self.at_temperature(ROOM)
+        except InputError:
+            return self
 
     @property
     def _table(self) -> Table:

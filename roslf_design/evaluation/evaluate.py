@@ -262,12 +262,12 @@ def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, 
             None,
         )
     ]
-    for _, name, element, near, _ in design.in_bore:
+    for (_, name, _, near, _), (_, _, element, *_) in zip(design.in_bore, design.at_room.in_bore, strict=True):
         at = float(camera.plane(near).distance)
         parts.append(SeenPart(name, ", ".join(made_of(element)), near, None, at, None))
-    for rim in camera.stop_openings:
-        across, made = 2 * float(rim.radius), rim.outline.scaled(rim.scale)
-        own, seen = (None, None) if made.straight else (across * float(rim.scale), across)
+    for rim, drawn in zip(camera.stop_openings, camera.cold.stop_openings, strict=True):
+        across, made = 2 * float(drawn.radius), drawn.outline.scaled(drawn.scale)
+        own, seen = (None, None) if made.straight else (across * float(drawn.scale), across)
         sides = tuple(map(float, made.lengths)) if made.straight else None
         parts.append(SeenPart(rim.name, "opening", float(rim.ruler_distance), own, float(rim.distance), seen, sides))
     parts.sort(key=lambda part: -part.distance_mm)

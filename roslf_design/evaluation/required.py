@@ -14,12 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._arrays import Array
-from ..bore.part import TEMPERATURE
 from ..camera import Camera
 from ..design import Design, preset_names
 from ..design.required import Required
 from ..errors import InputError, Problem
-from ..lenses.glass import ROOM
 from ..theory import tube
 from ..theory.depth_budget import (
     BUILT,
@@ -189,10 +187,6 @@ def requirements(
         label = (quantity.label or quantity.name) + where
         at, known = asked.at, None if undefined else value
         counts = counted[quantity.name](at) if quantity.name in counted and not undefined else ""
-        if quantity.name == "outer_diameter_mm" and not met and shown.design.environment is not None:
-            cold = float(quantity(camera.replace({TEMPERATURE: ROOM}), None))
-            if quantity.within(low, high, cold):
-                counts += f"; by warmth alone: {number(cold, 4)} mm at {ROOM:g} °C is within"
         only = remedy = ""
         of_detail = quantity.unit == "lp/mm"
         fold = float(quantity_named("fold_lp_per_mm")(camera, at)) if of_detail else math.inf

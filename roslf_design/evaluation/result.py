@@ -292,8 +292,8 @@ def seen_table(result: Evaluation) -> Table | None:
     rows = tuple(part.cells for part in through.parts)
     caption = (
         f"{through.around} Distances are mechanical: before the lens, of an element to its sensor side; of the MLA "
-        "behind the lens, of the sensor behind the MLA. In formulas d_f, d_3, D_F, d_1 and d_2 are as the main lens "
-        "sees them."
+        "behind the lens, of the sensor behind the MLA; sizes are those at 20 °C. In formulas d_f, d_3, D_F, d_1 and "
+        "d_2 are as the main lens sees them."
     )
     headings = ("", "what", "distance", "diameter", "as the main lens sees it")
     return Table(rows, "llddl", headings, "Beside the main lens, in the order of light", caption)

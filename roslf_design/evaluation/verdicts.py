@@ -143,16 +143,17 @@ def _microlens_speed(camera: Camera) -> tuple[Verdict, ...]:
     return (Verdict("microlens_speed", False, "limit", text, remedy),)
 
 
-def _counted_to_rim(design: Design) -> tuple[Verdict, ...]:
+def _counted_to_rim(design: Design, camera: Camera) -> tuple[Verdict, ...]:
     """Whether more of a real main lens counts than its maker guarantees to be clear; nothing where not."""
-    counted = design.D / (1 + FEASIBLE)
+    diameter = float(camera.cold.D)
+    counted = diameter / (1 + FEASIBLE)
     lenses = [(lens.name, lens.clear_aperture) for lens in design.main_lens.prescribed]
     return tuple(
         Verdict(
             "clear_aperture",
             False,
             "limit",
-            f"clear aperture: all {length(design.D)} of {name} count, of which its maker guarantees {length(sure)}: "
+            f"clear aperture: all {length(diameter)} of {name} count, of which its maker guarantees {length(sure)}: "
             "what the field gets through the rim is not certain",
             f'main_lens.diameter = "{length(sure)}" counts no more than that',
         )
@@ -163,7 +164,7 @@ def _counted_to_rim(design: Design) -> tuple[Verdict, ...]:
 
 def buildable(design: Design, camera: Camera) -> tuple[Verdict, ...]:
     """Doubts whether a camera's main lens and microlenses are ones that anybody makes; nothing where there are none."""
-    return *lens_speed(design, camera), *_counted_to_rim(design), *_microlens_speed(camera)
+    return *lens_speed(design, camera), *_counted_to_rim(design, camera), *_microlens_speed(camera)
 
 
 def as_sharp(there: float | None, middle: float | None) -> bool:
@@ -333,7 +334,7 @@ def lit(answer: FirstAnswer) -> Verdict:
 
 
 def _fits(camera: Camera) -> Verdict:
-    outer, wall, room = float(camera[tube.OUTER]), float(tube.shell(camera)), float(tube.room(camera))
+    outer, wall, room = float(camera.cold[tube.OUTER]), float(tube.shell(camera)), float(tube.room(camera))
     within = [(part, float(part.needs(camera))) for part in tube.housed(camera) if part.inside(camera)]
     wide = [(part, needed) for part, needed in within if needed > room * (1 + FEASIBLE)]
     walls = "a wall with its light guide" if tube.GUIDE in camera.numbers else "a wall"

@@ -170,10 +170,12 @@ def _defocus_px(c: Camera, _: Depth) -> Array:
 
 
 def _behind_lens(c: Camera) -> Number:
+    c = c.cold
     return c[PATHS["d_1"]] + c[PATHS["d_2"]] + c.hiatus
 
 
 def _diameters(c: Camera, _: Depth) -> Array:
+    c = c.cold
     parts = [place_of(rim.part) for rim in c.openings if rim.size_places]
     return np.stack(np.broadcast_arrays(*(2 * ClearAperture.of(c.numbers, part).reach for part in parts)))
 
@@ -298,7 +300,8 @@ def _length_remark(c: Camera) -> str:
     turning = " and ".join(dict.fromkeys(part.kind for part in c.chain.folding))
     unfolded = f", unfolded along the light: the housing turns with the {turning}" if turning else ""
     between = f", H to H' of the main lens ({number(float(c.hiatus), 4)} mm) in it" if c.hiatus else ""
-    return f"tip to sensor{between}{unfolded}"
+    cold = tube.cold_words(c)
+    return f"tip to sensor{between}{unfolded}{cold and f'; {cold}'}"
 
 
 def _centre_shift(images: MicrolensImages) -> Number:
@@ -937,7 +940,7 @@ _EVERY = (
     Quantity(
         "outer_diameter_mm",
         "mm",
-        "of the tube that is stated, wider where parts and walls need it; else the narrowest, sensor by diagonal",
+        "of the tube stated, wider where parts and walls need it; else the narrowest, sensor by diagonal; at 20 °C",
         lambda c, _: tube.outer_diameters(c),
         worst=_greatest,
         monotone=False,
@@ -947,7 +950,7 @@ _EVERY = (
     Quantity(
         "largest_diameter_mm",
         "mm",
-        "the widest of lens, FAP and stops",
+        "the widest of lens, FAP and stops, at 20 °C",
         _diameters,
         worst=_greatest,
         label="largest diameter",
@@ -955,15 +958,15 @@ _EVERY = (
     Quantity(
         "total_length_mm",
         "mm",
-        "from the bore's tip to the sensor",
-        _whole(lambda c: c.tip + _behind_lens(c)),
+        "from the bore's tip to the sensor, at 20 °C",
+        _whole(lambda c: c.cold.tip + _behind_lens(c)),
         label="length from tip to sensor",
         sheet=Listed("Body", "length", _length_remark),
     ),
     Quantity(
         "camera_length_mm",
         "mm",
-        "from the main lens to the sensor",
+        "from the main lens to the sensor, at 20 °C",
         _whole(_behind_lens),
         label="length from lens to sensor",
     ),

@@ -1,4 +1,4 @@
-"""Tube of a scope: the parts in it and how wide it is."""
+"""Tube of a scope: the parts in it and how wide it is, as sizes are stated: at 20 degrees C (`Camera.cold`)."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ..bore.opening import ClearAperture
 from ..bore.part import Number
 from ..camera import Camera
 from ..design import PATHS
+from ..lenses.glass import ROOM
 from ..lenses.prescription import Prescription
 from ..words import number, the
 
@@ -48,7 +49,7 @@ class _Housed(NamedTuple):
 
     def inside(self, c: Camera) -> Array:
         """Whether it lies in the tube: no farther behind the tip than that is long."""
-        numbers = c.numbers
+        c, numbers = c.cold, c.cold.numbers
         return np.asarray(self.place >= c.tip - numbers[LENGTH] if LENGTH in numbers else np.True_)
 
 
@@ -57,7 +58,7 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
 
     Without elements of no known diameter, and without the sensor where a relay stands between, which may be anywhere.
     """
-    numbers = c.numbers
+    c, numbers = c.cold, c.cold.numbers
 
     def part(name: str, key: str, width: Number, place: Number, glass: float = 0.0) -> _Housed:
         aside = 2 * np.hypot(numbers[f"{key}.decentre.0"], numbers[f"{key}.decentre.1"])
@@ -118,7 +119,7 @@ def _aside(c: Camera, place: Number, half: Number) -> Number | None:
 
 def _widest(lenses: Iterable[Prescription]) -> float:
     """Diameter of the widest surface of real lenses [mm], which a stop at them makes no narrower; 0 of none."""
-    return 2 * max((surface.semi_diameter for lens in lenses for surface in lens.surfaces), default=0.0)
+    return 2 * max((surface.semi_diameter for lens in lenses for surface in lens.warmed(ROOM).surfaces), default=0.0)
 
 
 def _holds_sensor(c: Camera) -> bool:
@@ -133,7 +134,7 @@ def _packaged(c: Camera) -> bool:
 
 def shell(c: Camera) -> Number:
     """Thickness of wall and light guide about the parts [mm]; 0 where no design states a tube."""
-    return c.numbers.get(WALL, 0.0) + c.numbers.get(GUIDE, 0.0)
+    return c.cold.numbers.get(WALL, 0.0) + c.cold.numbers.get(GUIDE, 0.0)
 
 
 def uncounted(c: Camera) -> str:
@@ -146,7 +147,7 @@ def uncounted(c: Camera) -> str:
 
 def room(c: Camera) -> Array:
     """Width that the tube leaves its parts [mm]; infinite where no design states one."""
-    return np.asarray(c.numbers[OUTER] - 2 * shell(c) if OUTER in c.numbers else np.inf)
+    return np.asarray(c.cold[OUTER] - 2 * shell(c) if OUTER in c.numbers else np.inf)
 
 
 def widest_fap(c: Camera) -> Array:
@@ -161,19 +162,24 @@ def walls(c: Camera) -> tuple[str, str]:
     """
     if OUTER not in c.numbers:
         return "narrowest tube about the optics,", uncounted(c)
-    outer, wall, narrowest = float(c[OUTER]), float(shell(c)), float(np.max(_about(c)))
+    outer, wall, narrowest = float(c.cold[OUTER]), float(shell(c)), float(np.max(_about(c)))
     walls = "walls with light guide" if GUIDE in c.numbers else "walls"
     parts = f"parts of {number(narrowest - 2 * wall, 4)} mm and {walls} of {number(wall, 4)} mm"
     counted = f"as stated: {parts}, clearance {number(outer - narrowest, 3, 1e-9)} mm"
     if outer < narrowest * (1 - 1e-9):
         counted = f"with its wall: {parts}; {number(outer, 4)} mm as stated is too narrow"
-    return "tube", "; ".join(filter(None, (counted, uncounted(c))))
+    return "tube", "; ".join(filter(None, (counted, uncounted(c), cold_words(c))))
+
+
+def cold_words(c: Camera) -> str:
+    """Words on the temperature that sizes are stated at; empty of a camera that is not used at another."""
+    return "" if c.cold is c else f"at {ROOM:g} °C"
 
 
 def outer_diameters(c: Camera) -> Array:
     """Outer diameter of a tube about each of `housed`, last of the tube that is stated, if one is [mm]: (K, ...)."""
     about = _about(c)
-    return np.stack(np.broadcast_arrays(*about, *([c.numbers[OUTER]] if OUTER in c.numbers else [])))
+    return np.stack(np.broadcast_arrays(*about, *([c.cold[OUTER]] if OUTER in c.numbers else [])))
 
 
 def _about(c: Camera) -> Array:

@@ -57,17 +57,31 @@ def test_limits_are_held_against_what_the_tables_say():
     assert told[3]["met"]
 
 
-def test_a_tube_that_warmth_alone_makes_too_wide_is_said_to_be():
-    steel = 17.2e-6
-    design = asked("outer_diameter_mm = {max = 6}").replace(
+def test_sizes_are_judged_and_told_as_at_20_degrees_whatever_the_camera_is_used_at():
+    """ISO 1: what was drawn as large as is allowed is so when warm, and what was drawn larger is not when cold."""
+    limits = "outer_diameter_mm = {max = 6}\ntotal_length_mm = {max = 100}\nlargest_diameter_mm = {max = 100}"
+    design = asked(limits).replace(
         {"tube": {"outer_diameter": 6.0, "wall": 0.2}, "environment": {"housing": "stainless steel"}}
     )
-    cold, warm = (roslf.evaluate(design.at_temperature(degrees)).required[0] for degrees in (20, 60))
-    assert (cold.met, warm.met) == (True, False)
-    assert warm.value == pytest.approx(6 * (1 + 40 * steel), rel=1e-9)
-    assert "by warmth alone: 6 mm at 20 °C is within" in warm.verdict.text
-    wide = design.replace({"tube.outer_diameter": 6.1}).at_temperature(60)
-    assert "by warmth" not in roslf.evaluate(wide).required[0].verdict.text
+    room = [one.value for one in roslf.evaluate(design).required]
+    for degrees in (-10, 20, 60):
+        result = roslf.evaluate(design.at_temperature(degrees))
+        assert [one.value for one in result.required] == pytest.approx(room, rel=1e-12)
+        assert result.required[0].met
+        assert "a wall of 0.2 mm leave 5.6 mm" in str(result.verdicts)
+        assert ("at 20 °C" in result.required[0].verdict.text) == (degrees != 20)
+    wide = design.replace({"tube.outer_diameter": 6.001}).at_temperature(-40)
+    assert not roslf.evaluate(wide).required[0].met
+
+
+def test_sizes_of_many_builds_are_those_at_20_degrees():
+    """A build's own temperature changes none of its sizes, its own tube does."""
+    design = asked("").replace({"tube": {"outer_diameter": 6.0, "wall": 0.2}, "environment": {"housing": "aluminium"}})
+    drawn, degrees = np.array([5.9, 6.0, 6.1]), np.array([[20.0], [60.0]])
+    outer = roslf.quantity("outer_diameter_mm")
+    camera = roslf.Camera.of(design, {"tube.outer_diameter": drawn}).replace({"environment.temperature": degrees})
+    np.testing.assert_allclose(outer(camera), np.broadcast_to(drawn, (2, 3)), rtol=1e-12)
+    np.testing.assert_allclose(outer(camera.in_row((2, 3), slice(3, 6))), drawn, rtol=1e-12)
 
 
 def test_contrast_of_detail_that_aliases_is_no_detail_and_gets_no_tick():

@@ -11,7 +11,6 @@ import numpy as np
 from ...camera import Camera
 from ...drawing.picture import PAGE, beside
 from ...drawing.solid import NoViewerError, library, outlines, scene_data
-from ...errors import InputError
 from ...evaluation import default_fields
 from ...evaluation.result import depth_basis
 from ...imaging.transfer import encircled
@@ -270,14 +269,11 @@ def dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
 
 def at_room(design: Design) -> tuple[Design, str]:
     """Design as drawings and parts lists have it, at room temperature, and a sentence on that where it is used warm."""
-    environment = design.environment
-    if environment is None or environment.temperature == ROOM:
+    used, drawn = design.environment, design.at_room
+    if used is None or used.temperature == ROOM:
         return design, ""
-    used = f"{environment.temperature:g} °C"
-    try:
-        return design.at_temperature(ROOM), f" Lengths at {ROOM:g} °C; the camera is used at {used}."
-    except InputError:  # a material that nobody knows there
-        return design, f" Lengths at {used}."
+    known = f" Lengths at {ROOM:g} °C; the camera is used at {used.temperature:g} °C."
+    return drawn, known if drawn is not design else f" Lengths at {used.temperature:g} °C."
 
 
 SHEETS: dict[str, Callable[[Design, Evaluation], Figure]] = {
