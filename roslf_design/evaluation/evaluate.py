@@ -143,6 +143,7 @@ def evaluate(
         "x_ml_max_mm": limit.mla_radius,
         "room_at_corner_mm": limit.clearance,
         "limited_by": limit.rim,
+        "cut_beyond_mm": limit.cut_beyond,
     }
     non_distortion = Numbers.of(camera, "non_distortion", bounds, undistorted_in_field=limit.clearance >= -slack)
     images = evaluate_fields(design, axes, rays)

@@ -279,15 +279,18 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
         return Verdict.of("field_undistorted", text, f"{turned}{by_thin or ways}")
     if by_thin:
         text = (
-            f"{CUT_IN_IT}: cat's eyes beyond {thin.x0_max_mm:.4g} mm object radius "
-            f"({thin.x_ml_max_mm:.4g} mm on the MLA), cut by {the(thin.limited_by)}; {sees}"
+            f"{CUT_IN_IT}: cat's eyes beyond {thin.cut_beyond_mm:.4g} mm object radius, cut by "
+            f"{the(thin.limited_by)}; {sees}"
         )
         return Verdict.of("field_undistorted", text, by_thin)
-    bound = (
-        f"out to {thin.x0_max_mm:.4g} mm object radius, limited by {the(thin.limited_by)}"
-        if math.isfinite(thin.x0_max_mm)
-        else "at any field"
-    )
+    bound = "at any field"
+    if thin.x0_max_mm < thin.field_half_diagonal_mm:
+        bound = (
+            f"over all that the sensor sees; {the(thin.limited_by)}, which leans, would cut beyond "
+            f"{thin.x0_max_mm:.4g} mm object radius, but in directions that the sensor does not see so far"
+        )
+    elif math.isfinite(thin.x0_max_mm):
+        bound = f"out to {thin.x0_max_mm:.4g} mm object radius, limited by {the(thin.limited_by)}"
     return Verdict.of("field_undistorted", f"{UNCUT}: full {camera.fap.outline.kind}s {bound}; {sees}")
 
 
@@ -372,7 +375,7 @@ def _field_remedy(camera: Camera, field: Numbers) -> str:
     if field.limited_by.endswith("mapping"):
         largest = math.degrees(camera.mapping.widest)
         return f"the objective images no farther than {largest:.4g} degrees in air; use a smaller sensor or FAP"
-    return f"widen {the(field.limited_by)} by {on_side(grow, True, 4)} mm, or use {others}"
+    return f"widen {the(limiting)} by {on_side(grow, True, 4)} mm, or use {others}"
 
 
 def _resolved(camera: Camera, sampling: Numbers) -> Verdict:

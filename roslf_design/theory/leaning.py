@@ -22,21 +22,25 @@ CLOSER, ROUNDS = 0.55, 32
 """Share of a step that each further grid has, and how often: what is left of it counts squared, rounding."""
 
 
-def leaning_room(c: Camera, rim: Rim, radius: Array) -> Array:
-    """Room that a leaning rim leaves the worst pencil from a radius on the focal plane, on the rim's plane [mm].
+def leaning_room(c: Camera, rim: Rim, radius: Array, towards: Array | None = None) -> Array:
+    """Room that a leaning rim leaves pencils from a radius on the focal plane, on the rim's plane [mm].
 
     Parameters
     ----------
     radius : ndarray
-        As the main lens sees it, of the builds' shape [mm].
+        As the main lens sees it, of the builds' shape or with further axes before it [mm].
+    towards : ndarray, optional
+        Directions of those places [rad]; the worst where not given.
     """
 
-    def away(towards: Array, around: Array) -> Array:
-        (n_0, d_0), (n_1, d_1) = _crossing(c, rim, towards, around)
+    def away(around: Array, way: Array) -> Array:
+        (n_0, d_0), (n_1, d_1) = _crossing(c, rim, way, around)
         x, y, z = (a + radius * b for a, b in zip(n_0, n_1, strict=True))
         return np.asarray(-np.sqrt(x * x + y * y + z * z) / np.abs(d_0 + radius * d_1))
 
-    return np.asarray(rim.radius + least_of_angles(away, np.broadcast_shapes(np.shape(radius), c.shape)))
+    shape = np.broadcast_shapes(np.shape(radius), c.shape)
+    least = least_of_angles(away, shape) if towards is None else least_of_angles(lambda u: away(u, towards), shape, 1)
+    return np.asarray(rim.radius + least)
 
 
 def leaning_radius(c: Camera, rim: Rim) -> Array:
@@ -71,18 +75,17 @@ def _crossing(c: Camera, rim: Rim, towards: Array, around: Array) -> tuple[tuple
     return ((x, y, z), n_q - n_f), ((u, w, h), -n_p)
 
 
-def least_of_angles(value: Callable[[Array, Array], Array], shape: tuple[int, ...]) -> Array:
-    """Least of a smooth function of two angles for each of the builds, whose axes follow that of the angles."""
-    count = MANY if shape else COARSE
-    step = 2 * np.pi / count
-    one, other = np.zeros(shape), np.zeros(shape)
+def least_of_angles(value: Callable[..., Array], shape: tuple[int, ...], angles: int = 2) -> Array:
+    """Least of a smooth function of angles for each of the builds, whose axes follow that of the angles."""
+    count = MANY if shape and angles > 1 else COARSE
+    step, at = 2 * np.pi / count, [np.zeros(shape)] * angles
     offsets, least = np.arange(count) * step, np.full(shape, np.inf)
     for _ in range(ROUNDS):
-        u, v = (part.reshape(-1, *(1,) * len(shape)) for part in np.meshgrid(offsets, offsets, indexing="ij"))
-        values = np.broadcast_to(value(one + u, other + v), (u.size, *shape))
+        grid = [part.reshape(-1, *(1,) * len(shape)) for part in np.meshgrid(*[offsets] * angles, indexing="ij")]
+        values = np.broadcast_to(value(*map(np.add, at, grid)), (grid[0].size, *shape))
         best = np.argmin(np.where(np.isnan(values), np.inf, values), axis=0)
         least = np.take_along_axis(values, best[None], 0)[0]
-        one, other = one + u.ravel()[best], other + v.ravel()[best]
+        at = [one + part.ravel()[best] for one, part in zip(at, grid, strict=True)]
         step *= CLOSER
         offsets = step * np.array([-1.0, 0.0, 1.0])
     return np.asarray(least)

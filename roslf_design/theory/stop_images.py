@@ -214,10 +214,10 @@ def _reach(pencil: _Ellipse, off: Number) -> Number:
 def _farthest(pencil: Projected, radius: Number, shape: tuple[int, ...]) -> Number:
     """Largest distance from the middle of a stop's plane at which a pencil that fills the FAP meets it [mm]."""
 
-    def nearness(_: Array, around: Array) -> Array:
+    def nearness(around: Array) -> Array:
         return -np.hypot(*pencil.at(np.asarray(radius * np.cos(around)), np.asarray(radius * np.sin(around))))
 
-    return -least_of_angles(nearness, shape)
+    return -least_of_angles(nearness, shape, 1)
 
 
 ROUNDING = 2.0**-49

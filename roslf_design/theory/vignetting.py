@@ -19,10 +19,10 @@ from ..design.parts import PATHS
 from .chief_rays import chief_rays
 from .leaning import leaning_radius, leaning_room
 from .light import SensorField, sensor_field
-from .stop_images import room_in_pupil, settled
+from .stop_images import room_in_pupil, settled, stop_openings
 
 
-def room_at(c: Camera, object_radius: ArrayLike) -> Array:
+def room_at(c: Camera, object_radius: ArrayLike, places: Array | None = None) -> Array:
     """Room between the pencil of the worst field point at a radius and each rim, on that rim's plane [mm].
 
     Parameters
@@ -31,6 +31,8 @@ def room_at(c: Camera, object_radius: ArrayLike) -> Array:
         Its tilts are left out.
     object_radius : array_like
         |X_0| on the focal plane, as the main lens sees it [mm].
+    places : ndarray, shape (..., P, 2), optional
+        Places there at which rims that lean by design are asked, instead of in the worst direction [mm].
 
     Returns
     -------
@@ -43,6 +45,10 @@ def room_at(c: Camera, object_radius: ArrayLike) -> Array:
     pupil = c.decentre("aperture")
 
     def at_rim(rim: Rim) -> Array:
+        if rim.leans and places is not None:
+            builds = np.broadcast_shapes(places.shape[:-2], c.shape)
+            x, y = np.moveaxis(np.broadcast_to(places, (*builds, *places.shape[-2:])), (-1, -2), (0, 1))
+            return rim.scale * leaning_room(c, rim, np.hypot(x, y), np.arctan2(y, x)).min(axis=0)
         if rim.leans:
             return rim.scale * leaning_room(c, rim, radius)
         between = d_f - rim.distance
@@ -61,8 +67,13 @@ def _rows(c: Camera, of: Callable[..., Array], *known: Array) -> Array:
 
 
 def corner_room(c: Camera, field: SensorField | None = None) -> Array:
-    """`room_at` the corner of what the sensor sees (`field`, its own by default) that is farthest off the axis."""
-    return room_at(c, (field or sensor_field(c)).radius * magnitude(c.seen.inverse_m))
+    """`room_at` the corner of what the sensor sees (`field`, its own by default) that is farthest off the axis.
+
+    Of rims that lean by design at that of the corners which they leave least.
+    """
+    field, scale = field or sensor_field(c), np.asarray(c.seen.inverse_m)
+    corners = -field.corners * scale[..., None, None] if c.leaning else None
+    return room_at(c, field.radius * magnitude(scale), corners)
 
 
 def undistorted_radii(c: Camera) -> Array:
@@ -139,9 +150,12 @@ class _FieldLimit(NamedTuple):
     mla_radius: float
     """Radius where its chief ray meets the array [mm]."""
     rim: str
-    """The rim that ends it or, where none does, the one that leaves the least room."""
+    """The rim that cuts most in the field's corners or, where none does, the one that ends it or leaves least room."""
     clearance: float
-    """Smallest room between a pencil and a rim at the field's farthest corner, on that rim's plane [mm]."""
+    """Room between a pencil and that rim at the field's farthest corner, on the rim's plane [mm]."""
+    cut_beyond: float
+    """Object radius beyond which rims cut that cut in what the sensor sees [mm]; inf where none does. Larger than
+    `radius` where a rim that leans ends that in a direction that the sensor does not see."""
 
 
 def field_limit(c: Camera) -> _FieldLimit:
@@ -155,6 +169,12 @@ def field_limit(c: Camera) -> _FieldLimit:
     bounds = [max(float(bound), 0.0) for bound in undistorted_radii(c)]
     rooms = [float(room) for room in corner_room(c)]
     tightest = min(range(len(rooms)), key=lambda k: (bounds[k], rooms[k]))
-    radius = bounds[tightest]
-    real, on_array = float(on_focal_plane(c, np.asarray(radius))), radius / abs(float(c.seen.inverse_m))
-    return _FieldLimit(real, on_array, c.rims[tightest].opening, min(rooms))
+    clearance = min(rooms)
+    cutting = [k for k, room in enumerate(rooms) if room < 0]
+    if cutting:
+        depths = stop_openings(c, *sensor_field(c).corners.T).rooms[..., 1:].min(axis=0)
+        deepest = min(cutting, key=lambda k: float(depths[k]))
+        tightest, clearance = deepest, rooms[deepest]
+    radii = min(bounds), min([bounds[k] for k in cutting], default=np.inf)
+    real, cut_beyond = on_focal_plane(c, np.array(radii)).tolist()
+    return _FieldLimit(real, radii[0] / abs(float(c.seen.inverse_m)), c.rims[tightest].opening, clearance, cut_beyond)

@@ -1,0 +1,78 @@
+"""What is said to cut the field is what takes rays in its corners: verdicts against exact areas of the ray budget."""
+
+import numpy as np
+import pytest
+
+import roslf_design as roslf
+from roslf_design.camera import Camera
+from roslf_design.theory.light import on_array, sensor_field
+from roslf_design.theory.quantities import QUANTITIES
+
+FOLDED = """
+name = "folded"
+[main_lens]
+diameter = "4.5 mm"
+focal_length = "7.5 mm"
+focal_plane = "25.3 mm"
+[aperture]
+diameter = "1.73 mm"
+distance = "1 mm"
+[[elements]]
+kind = "mirror"
+distance = "6.4 mm"
+angle = "45 deg"
+azimuth = "90 deg"
+diameter = "8 mm"
+[[elements]]
+kind = "plate"
+distance = "9.8 mm"
+thickness = "0.5 mm"
+material = "sapphire"
+diameter = "6.2 mm"
+[microlens_array]
+pitch = "20 um"
+focal_length = "120 um"
+size = ["5.4 mm", "4 mm"]
+[sensor]
+part = "IMX335"
+distance = "120 um"
+"""
+
+
+@pytest.mark.parametrize(
+    ("mirror", "plate", "azimuth"),
+    [(8, 6.2, 90), (8, 7.5, 90), (8, 6.2, 0), (7, 7.5, 0), (6.4, 7.5, 90), (14, 6.2, 90), (7, 6.4, 45)],
+)
+def test_what_cuts_the_field_is_what_takes_rays_in_its_corners(mirror, plate, azimuth):
+    design = roslf.loads(FOLDED).replace(
+        {
+            "elements.0.diameter": float(mirror),
+            "elements.1.diameter": float(plate),
+            "elements.0.azimuth": np.deg2rad(azimuth),
+        }
+    )
+    camera = Camera.of(design)
+    corners = [tuple(corner) for corner in on_array(camera, sensor_field(camera).corners).tolist()]
+    result = roslf.evaluate(design, corners)
+    lost = {}
+    for field in result.fields:
+        before = 1.0
+        for share in field.ray_budget.by_name:  # in the order of light
+            lost[share.name] = max(lost.get(share.name, 0.0), before - share.kept)
+            before = share.kept
+    lost = {rim.opening: lost[rim.opening] for rim in camera.rims}
+    told = result.non_distortion
+    assert told.undistorted_in_field == (max(lost.values()) < 1e-12)
+    verdict = next(one for one in result.verdicts if one.name == "field_undistorted")
+    assert verdict.ok == told.undistorted_in_field
+    if not verdict.ok:
+        assert lost[told.limited_by] > 0
+        assert f"cut by {told.limited_by}" in verdict.text
+
+
+def test_builds_of_a_leaning_mirror_are_their_single_cameras():
+    design = roslf.loads(FOLDED)
+    wide = np.array([6.4, 7.0, 8.0])
+    many = QUANTITIES["non_distortion_room_mm"](Camera.of(design, {"elements.0.diameter": wide}))
+    alone = [QUANTITIES["non_distortion_room_mm"](Camera.of(design, {"elements.0.diameter": one})) for one in wide]
+    np.testing.assert_allclose(many, [float(one) for one in alone], rtol=1e-9)
