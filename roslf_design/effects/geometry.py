@@ -134,7 +134,10 @@ def cos4(s: Subject) -> Estimate:
     """
     if s.design.main_lens.kind.faults:
         loss = F_TAN.loss(lens.lens_aberrations(s.design, s.lens_field).steepest)
-        return Estimate(loss, f"{percent(loss, 2)} darker at X_ml = {s.lens_field:.4g} mm, behind the array (traced)")
+        return Estimate(
+            loss,
+            f"{percent(loss, 2)} darker at X_ml = {s.lens_field:.4g} mm, by cos⁴ of the steepest ray behind the array",
+        )
     loss = s.camera.mapping.loss(s.x_ml * float(chief_slope(s.camera)))
     return Estimate(loss, f"{percent(loss, 2)} darker {s.at}{s.camera.mapping.words}")
 

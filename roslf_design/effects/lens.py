@@ -21,7 +21,7 @@ from ..design import Design
 from ..fates import ImageFate, RayFate
 from ..lenses.prescription import first_order
 from ..traced.camera import camera_of
-from ..traced.images import field_map, real_field
+from ..traced.images import field_map, measured_bound, real_field
 from .effect import Effect, Estimate, Subject, Unit
 
 RADII = (0.4, 0.6, 0.8, 1.0)
@@ -43,7 +43,7 @@ class _LensAberrations(NamedTuple):
     refocused: float
     """Extent that stays where every place is refocused to halfway between its two foci: astigmatism [mm]."""
     whole_to: float
-    """Largest of the radii looked at to which images are whole [mm]."""
+    """Radius to which images are whole [mm]; that of the field where all of them are."""
     steepest: float
     """Steepest ray behind the array that makes a microlens image: dx/dz."""
 
@@ -71,7 +71,7 @@ def _traced_faults(design: Design, x_ml: float) -> _LensAberrations:
     field = real_field(bench, axes)
     diameter = field.thin_diameter
     whole = (field.images.status == ImageFate.FULL) & np.isfinite(field.rim_shift)
-    everywhere, lit = whole.reshape(-1, len(RADII)).all(axis=0), field.maps.status == RayFate.KEPT
+    lit = field.maps.status == RayFate.KEPT
     foci = np.maximum(np.abs(field.maps.tangential_focus), np.abs(field.maps.sagittal_focus))
     apart = np.abs(field.maps.tangential_focus - field.maps.sagittal_focus)
     return _LensAberrations(
@@ -80,7 +80,7 @@ def _traced_faults(design: Design, x_ml: float) -> _LensAberrations:
         spread=float(np.max(np.where(lit, np.max(field.maps.spread, axis=-1), 0.0))),
         curvature=float(np.max(np.where(lit, foci, 0.0))) * _cone(design),
         refocused=float(np.max(np.where(lit, apart / 2, 0.0))) * _cone(design),
-        whole_to=max((share * x_ml for share, all_are in zip(RADII, everywhere, strict=True) if all_are), default=0.0),
+        whole_to=x_ml if whole.all() else min(measured_bound(design)[1], x_ml),
         steepest=float(np.max(np.hypot(*np.moveaxis(field.images.outline, -1, 0)))) / camera_of(design).d_2,
     )
 

@@ -28,7 +28,6 @@ from .specification import (
     FieldImages,
     FieldOfView,
     ObjectField,
-    corner,
     resolved,
 )
 from .working_range import WorkingRange, ranges
@@ -174,8 +173,7 @@ class FirstAnswer:
             planes.append(
                 _AtDistance(distance, plane, field.width_mm, field.height_mm, u, expanded, mostly, lines, limit)
             )
-        points = shown.points
-        farthest = points.index(corner(points))
+        farthest = shown.farthest
         outer = resolved(images, farthest, (FOCUS, focus), "refocused").usable_lp_per_mm if views else None
         medium = shown.design.object_space.medium.name
         return cls(

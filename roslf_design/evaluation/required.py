@@ -62,6 +62,8 @@ AS_BUILT = (
 """Remedy of a depth that is held by the lengths as drawn alone."""
 
 
+SHARPER = "a better corrected lens, a smaller FAP or a smaller sensor lets more of the field hold it"
+"""Remedy of detail that the corner of the field does not show."""
 FLAT = 179.0
 """Full angle of the widest field that a flat sensor sees [degrees]."""
 STEPS = ("nm", "um", "mm", "m")
@@ -213,6 +215,12 @@ def requirements(
         if met and at is not None and quantity.of_views and (blurred := _blurred(camera, at)):
             only = ", ".join(filter(None, (only, "where single views blur")))
             remedy = "; ".join(filter(None, (remedy, blurred)))
+        if quantity.name == "detail_lp_per_mm" and not undefined and has_views(camera):
+            there = shown.corner_detail(at)
+            counts = "; ".join(filter(None, (counts, f"in the middle; in the field's corner {number(there, 3)} lp/mm")))
+            if met and low is not None and not quantity.within(low, None, there):
+                only = ", ".join(filter(None, (only, "in the middle alone")))
+                remedy = "; ".join(filter(None, (remedy, SHARPER)))
         if not met and not undefined:
             slip = _slip_of_unit(asked, low, high, value, quantity.unit)
             culprit = _culprit(quantity, camera, fold if of_detail else value, low)

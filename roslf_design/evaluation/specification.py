@@ -199,6 +199,15 @@ class FieldImages:
         """The fields on the focal plane."""
         return _FieldPoint.of(self.images, self._plane(None))
 
+    @property
+    def farthest(self) -> int:
+        """Which of the images is farthest out on the focal plane: the corner's."""
+        return self.points.index(corner(self.points))
+
+    def corner_detail(self, at: float | None) -> float:
+        """Detail that shows as what it is in the field's corner on a plane [lp/mm]; 0 where none does."""
+        return resolved(self.images, self.farthest, (ASKED, self._plane(at)), "refocused").usable_lp_per_mm or 0.0
+
     def _plane(self, at: float | None) -> float:
         """Distance of a plane ahead of the tip, or of the focal plane [mm]."""
         return float(field_of_view.focus_ahead(self.images.camera)) if at is None else at

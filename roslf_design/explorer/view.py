@@ -560,6 +560,7 @@ def glance(evaluation: Evaluation) -> list[dict[str, str]]:
     rows |= {quantity.label: quantity.text(evaluation.value(quantity)) for quantity in first}
     if (lens := evaluation.real_lens) is not None:
         rows[QUANTITIES["undistorted_field_mm"].label] = f"{short(lens.x0_max_mm, 5)} mm"
+        rows[QUANTITIES["field_half_width_mm"].label] = f"{short(evaluation.answer.at[0].width_mm / 2, 5)} mm"
     for name, share in evaluation.fields[-1].ray_budget.taken():
         landed = {"own cell": "in its own cell", "neighbours": "in its neighbours"}.get(name)
         if landed or share > 0:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -405,6 +406,7 @@ def real_field(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike) 
     )
 
 
+@lru_cache(maxsize=64)
 def measured_bound(design: Design) -> tuple[float, float]:
     """Undistorted half-field measured on the traced lens, on the focal plane and on the array [mm].
 

@@ -422,3 +422,17 @@ def test_a_distance_where_single_views_blur_is_told():
         changed, (remedy,) = _remedied(design, u_z_mm=f'{{at = "{at:.6g} mm", max = "9 mm"}}')
         assert ("focus closer to it" in remedy) == blurs
         assert ("where single views blur" in required_of(changed)[0].only) == blurs
+
+
+def test_detail_that_the_middle_alone_shows_says_so():
+    """The corner's, from the same images as the first answer has it."""
+    design = roslf.load("paper-singlet")
+    evaluation = roslf.evaluate(design.replace({"required": {"detail_lp_per_mm": {"min": 1e-3}}}))
+    middle, corner = evaluation.answer.at[0].usable_lp_per_mm, evaluation.answer.corner_lp_per_mm
+    assert corner < middle
+    (easy,) = evaluation.required
+    assert f"in the field's corner {number(corner, 3)} lp/mm" in easy.verdict.text
+    assert "in the middle alone" not in easy.only
+    (hard,) = required_of(design.replace({"required": {"detail_lp_per_mm": {"min": (middle + corner) / 2}}}))
+    assert hard.met
+    assert "in the middle alone" in hard.only

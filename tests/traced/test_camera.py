@@ -203,7 +203,7 @@ def test_obliqueness_counts_behind_the_array_alone():
     line = plan(design, brief)["cos4"]
     steepest = np.max(np.hypot(*real_field(design, [(edge, 0.0)]).images.outline[0].T)) / design.d_2
     assert line.estimate == pytest.approx(1 - math.cos(math.atan(steepest)) ** 4, rel=1e-9)
-    assert "behind the array (traced)" in line.reason
+    assert "by cos⁴ of the steepest ray behind the array" in line.reason
     assert line.estimate < 0.25 * plan(design.thin_twin, brief)["cos4"].estimate
 
 
