@@ -14,6 +14,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._arrays import Array
 from ..lenses.angles import F_TAN, AngleMap
 from ..units import Distance, Length
 from .export import SequenceRow
@@ -218,6 +219,14 @@ class Element(OpticalPart):
     def words(self) -> tuple[str, ...]:
         """Description in a few words each: size and material, focal length, deviation."""
         return ()
+
+    def incidence(self, wavelength: float, sines: Array) -> tuple[float, float] | None:
+        """Least angle at which rays meet a face that reflects in glass, and that of total reflection there [degrees].
+
+        None where there is no such face, or it is not known where it stands. `sines` are those of the rays before it,
+        times the index, across the axis: shape (..., 2).
+        """
+        return None
 
     def reflects(self, wavelength: float, beyond: float) -> tuple[str, float] | None:
         """Key and angle from the normal [degrees] of a face that totally reflects light along the axis; None without.

@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from .._arrays import Array
 from ..lenses.glass import Glass
 from ..lenses.material import Material
 from ..lenses.prescription import Surface, rotation
@@ -129,6 +130,16 @@ class Prism(Block):
     def bounces(self) -> int:  # type: ignore[override]
         """How often light is reflected in it."""
         return self.reflections
+
+    def incidence(self, wavelength: float, sines: Array) -> tuple[float, float] | None:
+        """Least angle by one reflection, whose face halves the angle between both parts of the axis."""
+        if self.reflections != 1 or not self.deviation:
+            return None
+        index = float(self.material.index(wavelength))
+        x, y = np.moveaxis(sines, -1, 0) / index
+        across, along = math.cos(self.deviation / 2), math.sin(self.deviation / 2)
+        cosine = along * np.sqrt(1 - x * x - y * y) - across * (math.cos(self.azimuth) * x + math.sin(self.azimuth) * y)
+        return degrees(float(np.abs(cosine).max())), math.degrees(math.asin(1 / index))
 
     def words(self) -> tuple[str, ...]:
         """Thickness and material, and the deviation."""

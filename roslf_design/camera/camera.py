@@ -156,7 +156,8 @@ class Camera(Symbols[Number]):
         given = self._widened(given)
         for place, value in given.items():
             if place not in numbers:
-                hint = nearest(place, [*PATHS, *numbers])
+                warm = place == TEMPERATURE  # of a design that says nothing of it
+                hint = "add [environment] with a housing" if warm else nearest(place, [*PATHS, *numbers])
                 raise DesignError((Problem(place, f"is not a number of this design; {hint}"),))
             numbers[place] = _number(value)
         if PATHS["wavelength"] in given:

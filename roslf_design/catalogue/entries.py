@@ -503,5 +503,11 @@ def other_focal_length(part: str, f: float) -> float | None:
     return own if abs(own / f - 1) > ALIKE else None
 
 
+def window_aperture(part: str) -> tuple[float, bool] | None:
+    """Clear aperture of a shipped window [mm], and whether its maker states it; None where none is so called."""
+    named = [one for one in load_catalogue().windows if one.part == part]
+    return (named[0].aperture, named[0].clear_aperture is not None) if named else None
+
+
 def _no_part(message: str) -> InputError:
     return InputError((Problem("part", message),))

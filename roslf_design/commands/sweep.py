@@ -13,6 +13,7 @@ from cyclopts import Parameter
 
 from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
+from ..bore.part import TEMPERATURE
 from ..design import PATHS, Design
 from ..errors import InputError, one_line, refusal
 from ..evaluation.sweep import sweep as compute
@@ -107,7 +108,8 @@ def _notes(swept: Sweep, design: Design) -> Iterator[str]:
         yield swept.note
     if swept.follows is not None:
         changed = [PATHS.get(place, place) for place in swept.places]
-        kept = [place for place in CONJUGATES if place not in (swept.follows, *changed)]
+        still = () if TEMPERATURE in changed else CONJUGATES  # which moves them all
+        kept = [place for place in still if place not in (swept.follows, *changed)]
         stays = "".join(f"; {place} stays {design[place]:.6g} mm" for place in kept)
         yield f"{swept.follows} follows from what is swept{stays}"
     for name, values in swept.values.items():

@@ -208,7 +208,7 @@ class Pupil(Opening):
     def _one_place(cls, value: float | None, info: ValidationInfo) -> float | None:
         distance = info.data.get("distance", ...)
         if value is None and distance is None:
-            raise PydanticCustomError("missing", "Field required")
+            raise ValueError("is missing, and so is distance; give one of them")
         if value is not None and isinstance(distance, float):
             raise ValueError("the stop stands behind the lens, or its image at a distance before it; drop one of them")
         return value

@@ -12,7 +12,7 @@ import numpy as np
 from .._arrays import product
 from ..bore.main_lens import IdealMainLens
 from ..camera import Camera
-from ..catalogue.entries import other_focal_length
+from ..catalogue.entries import other_focal_length, window_aperture
 from ..design import Design
 from ..design.growth import not_known, not_named
 from ..lenses.glass import ROOM
@@ -28,7 +28,8 @@ from ..theory.photometry import LARGEST_FILL, accepted, exposure, full_level, re
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import FEASIBLE
 from ..theory.stop_images import MicrolensImages
-from ..words import length, listed, number, on_side, percent, place, the
+from ..theory.vignetting import corner_room
+from ..words import in_file, length, listed, number, on_side, percent, place, the
 from .answer import STOP, FirstAnswer
 from .fields import Place, default_fields, field_openings
 from .groups import Field, Numbers, RealLens, Verdict
@@ -162,9 +163,53 @@ def _counted_to_rim(design: Design, camera: Camera) -> tuple[Verdict, ...]:
     )
 
 
+def _windows_to_rim(design: Design, camera: Camera) -> Iterator[Verdict]:
+    """Whether light needs more of a window than is clear for certain."""
+    for at, name, element, *_ in design.at_room.in_bore:
+        part = getattr(element, "part", None)
+        known = window_aperture(part) if part and element.diameter else None
+        if known is None or element.diameter <= known[0] * (1 + FEASIBLE):
+            continue
+        clear, stated = known
+        key = f"{at}.diameter"
+        narrower = corner_room(camera.replace({key: clear * float(camera[key]) / element.diameter}))
+        if not np.any((narrower < 0) & (narrower < corner_room(camera))):
+            continue
+        sure = f"its maker guarantees {length(clear)}" if stated else f"{length(clear)}, 90 %, are taken as clear"
+        text = (
+            f"clear aperture: all {length(element.diameter)} of {the(name)} ({part}) count, of which {sure}, and the "
+            "field needs more than that"
+        )
+        remedy = f'{in_file(key)} = "{length(clear)}" counts no more than that'
+        yield Verdict("clear_aperture", False, "limit", text, remedy)
+
+
+def _coatings(design: Design, camera: Camera) -> Iterator[Verdict]:
+    """Which prisms do not reflect all of the field's light by total reflection."""
+    corners = -sensor_field(camera).corners[[0, 1, 3, 2]] * float(camera.seen.inverse_m)
+    ends = np.concatenate([corners, (corners + np.roll(corners, 1, axis=0)) / 2])
+    pupil = camera.fap.outline.along_rim(24)
+    ways = (ends[:, None] - pupil) / float(camera.seen.d_f - camera.seen.d_3)
+    sines = ways / np.sqrt(1 + np.sum(np.square(ways), axis=-1, keepdims=True))
+    for _, name, element, near, _ in design.in_bore:
+        if any(other.part.bends and other.near < near for other in design.in_bore):
+            continue
+        known = element.incidence(design.wavelength, sines)
+        if known is None or known[0] >= known[1]:
+            continue
+        least, total = known
+        text = (
+            f"{name}: the field's light meets its reflecting face from {least:.3g} degrees to the normal on, and "
+            f"{element.glass.name} reflects totally beyond {total:.3g} degrees alone"
+        )
+        remedy = "a reflecting coating on that face, a glass of higher index or a smaller field"
+        yield Verdict("reflecting_face", False, "limit", text, remedy)
+
+
 def buildable(design: Design, camera: Camera) -> tuple[Verdict, ...]:
     """Doubts whether a camera's main lens and microlenses are ones that anybody makes; nothing where there are none."""
-    return *lens_speed(design, camera), *_counted_to_rim(design, camera), *_microlens_speed(camera)
+    counted = *_counted_to_rim(design, camera), *_windows_to_rim(design, camera)
+    return *lens_speed(design, camera), *counted, *_coatings(design, camera), *_microlens_speed(camera)
 
 
 def as_sharp(there: float | None, middle: float | None) -> bool:

@@ -1,0 +1,92 @@
+"""Doubts about what is bought: windows' clear apertures and prisms' reflecting faces, against arithmetic by hand."""
+
+import math
+
+import pytest
+
+import roslf_design as roslf
+from roslf_design.camera import Camera
+from roslf_design.catalogue.entries import window_aperture
+from roslf_design.errors import InputError
+from roslf_design.theory.light import sensor_field
+
+HEAD = """
+name = "head"
+[main_lens]
+diameter = "4.5 mm"
+focal_length = "7.5 mm"
+focal_plane = "26.8 mm"
+[aperture]
+diameter = "1.73 mm"
+distance = "1 mm"
+[[elements]]
+%s
+[microlens_array]
+pitch = "20 um"
+focal_length = "120 um"
+size = ["5.4 mm", "4 mm"]
+[sensor]
+part = "IMX335"
+distance = "120 um"
+"""
+PRISM = """
+kind = "prism"
+distance = "2.5 mm"
+thickness = "7 mm"
+material = "N-BK7"
+deviation = "90 deg"
+azimuth = "90 deg"
+reflections = 1
+diameter = "7 mm"
+"""
+
+
+def verdicts(design, name):
+    return [one for one in roslf.evaluate(design).verdicts if one.name == name]
+
+
+def test_a_prism_whose_field_is_too_wide_for_total_reflection_needs_a_coating():
+    """In the fold's plane: 45 degrees less the steepest ray's angle in the glass."""
+    design = roslf.loads(HEAD % PRISM)
+    camera = Camera.of(design)
+    (told,) = verdicts(design, "reflecting_face")
+    glass = float(design.elements[0].material.index(design.wavelength))
+    top = float(camera.seen.inverse_m * sensor_field(camera).half[1])
+    steepest = math.atan((top + float(camera.seen.D_F) / 2) / float(camera.seen.d_f - camera.seen.d_3))
+    least = 45 - math.degrees(math.asin(math.sin(steepest) / glass))
+    assert f"from {least:.3g} degrees" in told.text
+    assert f"beyond {math.degrees(math.asin(1 / glass)):.3g} degrees" in told.text
+    assert "coating" in told.remedy
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"elements.0.material": {"index": 1.8}},
+        {"elements.0.reflections": 2},
+        {"elements.0.deviation": math.radians(60)},
+        {"microlens_array.size": [0.4, 0.4], "aperture.diameter": 0.5},
+    ],
+)
+def test_other_prisms_reflect_all_of_it_or_are_not_judged(changes):
+    assert not verdicts(roslf.loads(HEAD % PRISM).replace(changes), "reflecting_face")
+
+
+def test_a_window_counts_no_more_than_is_clear_where_the_field_needs_it():
+    window = 'kind = "plate"\ndistance = "9.3 mm"\npart = "sapphire 6 x 1 mm"\ndiameter = "6 mm"'
+    assert window_aperture("sapphire 6 x 1 mm") == pytest.approx((5.4, False))
+    (told,) = verdicts(roslf.loads(HEAD % window), "clear_aperture")
+    assert "all 6 mm of plate 1 (sapphire 6 x 1 mm) count, of which 5.4 mm, 90 %, are taken as clear" in told.text
+    near = window.replace("9.3 mm", "1.2 mm")  # where pencils are together
+    assert not verdicts(roslf.loads(HEAD % near), "clear_aperture")
+    assert not verdicts(roslf.loads(HEAD % window.replace('"6 mm"', '"5.4 mm"')), "clear_aperture")
+
+
+def test_a_stop_of_no_place_is_told_which_it_may_have():
+    with pytest.raises(InputError, match="is missing, and so is distance; give one of them"):
+        roslf.loads((HEAD % PRISM).replace('distance = "1 mm"', ""))
+
+
+def test_a_temperature_to_be_swept_asks_for_an_environment():
+    with pytest.raises(InputError, match=r"add \[environment\] with a housing"):
+        roslf.sweep("paper", {"environment.temperature": [20.0, 40.0]}, "fill_factor")
