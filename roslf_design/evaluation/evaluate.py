@@ -138,7 +138,11 @@ def evaluate(
     limit = field_limit(camera)
     f_number, sampling = Numbers.of(camera, "f_number"), Numbers.of(camera, "sampling")
     slack = 1e-12 * float(camera.D)  # rounding of lengths as long: what an optimiser that holds it at 0 leaves
-    bounds = {"x0_max_mm": limit.radius, "x_ml_max_mm": limit.mla_radius, "room_at_corner_mm": limit.clearance}
+    bounds: dict[str, Any] = {
+        "x0_max_mm": limit.radius,
+        "x_ml_max_mm": limit.mla_radius,
+        "room_at_corner_mm": limit.clearance,
+    }
     bounds |= {"limited_by": limit.rim, "cut_beyond_mm": limit.cut_beyond}
     non_distortion = Numbers.of(camera, "non_distortion", bounds, undistorted_in_field=limit.clearance >= -slack)
     images = evaluate_fields(design, axes, rays)

@@ -166,18 +166,18 @@ def _counted_to_rim(design: Design, camera: Camera) -> tuple[Verdict, ...]:
 def _windows_to_rim(design: Design, camera: Camera) -> Iterator[Verdict]:
     """Whether light needs more of a window than is clear for certain."""
     for at, name, element, *_ in design.at_room.in_bore:
-        part = getattr(element, "part", None)
-        known = window_aperture(part) if part and element.diameter else None
-        if known is None or element.diameter <= known[0] * (1 + FEASIBLE):
+        part, across = getattr(element, "part", None), element.diameter
+        known = window_aperture(part) if part else None
+        if known is None or across is None or across <= known[0] * (1 + FEASIBLE):
             continue
         clear, stated = known
         key = f"{at}.diameter"
-        narrower = corner_room(camera.replace({key: clear * float(camera[key]) / element.diameter}))
+        narrower = corner_room(camera.replace({key: clear * float(camera[key]) / across}))
         if not np.any((narrower < 0) & (narrower < corner_room(camera))):
             continue
         sure = f"its maker guarantees {length(clear)}" if stated else f"{length(clear)}, 90 %, are taken as clear"
         text = (
-            f"clear aperture: all {length(element.diameter)} of {the(name)} ({part}) count, of which {sure}, and the "
+            f"clear aperture: all {length(across)} of {the(name)} ({part}) count, of which {sure}, and the "
             "field needs more than that"
         )
         remedy = f'{in_file(key)} = "{length(clear)}" counts no more than that'
@@ -186,6 +186,8 @@ def _windows_to_rim(design: Design, camera: Camera) -> Iterator[Verdict]:
 
 def _coatings(design: Design, camera: Camera) -> Iterator[Verdict]:
     """Which prisms do not reflect all of the field's light by total reflection."""
+    if not design.in_bore:
+        return
     corners = -sensor_field(camera).corners[[0, 1, 3, 2]] * float(camera.seen.inverse_m)
     ends = np.concatenate([corners, (corners + np.roll(corners, 1, axis=0)) / 2])
     pupil = camera.fap.outline.along_rim(24)
@@ -195,7 +197,7 @@ def _coatings(design: Design, camera: Camera) -> Iterator[Verdict]:
         if any(other.part.bends and other.near < near for other in design.in_bore):
             continue
         known = element.incidence(design.wavelength, sines)
-        if known is None or known[0] >= known[1]:
+        if known is None or element.glass is None or not known[0] < known[1]:
             continue
         least, total = known
         text = (
