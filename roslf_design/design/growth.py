@@ -22,6 +22,10 @@ from .parts import PATHS
 
 BODY = "the housing", "the main lens", "the microlenses"
 """Parts of which one at least must be of a known material for depth to be told over temperature."""
+NAMED_AT = dict(
+    zip(BODY, ("housing in [environment]", "material in [main_lens]", "material in [microlens_array]"), strict=True)
+)
+"""Key that names the material of each."""
 
 
 def about_environment(design: Assembly) -> tuple[Problem, ...]:

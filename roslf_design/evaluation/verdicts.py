@@ -14,7 +14,7 @@ from ..bore.main_lens import IdealMainLens
 from ..camera import Camera
 from ..catalogue.entries import other_focal_length, window_aperture
 from ..design import Design
-from ..design.growth import not_known, not_named
+from ..design.growth import NAMED_AT, not_known, not_named
 from ..lenses.glass import ROOM
 from ..shapes.lattice import PACKINGS
 from ..theory import tube
@@ -524,10 +524,10 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
     environment = design.environment
     if environment is not None and {environment.temperature, *(environment.range or ())} != {ROOM}:
         if silent := not_named(design):
+            keys = dict.fromkeys(NAMED_AT.get(name, "material in [[elements]]") for name in silent)
             yield (
-                f"nothing says how {listed([*silent])} would grow with temperature, so lengths stay as "
-                "the file has them: name their materials (housing in [environment]; material in [main_lens], "
-                "[microlens_array] and the elements)"
+                f"nothing says how {listed([*silent])} would grow with temperature, so their lengths stay as the file "
+                f"has them: name what they are of ({'; '.join(keys)})"
             )
         if unknown := [f"the glass with {name}" if name[:4] == "n = " else name for name in not_known(design)]:
             yield f"how the index of {listed(unknown)} changes with temperature is not known; it stays"

@@ -48,7 +48,7 @@ def room_at(c: Camera, object_radius: ArrayLike, places: Array | None = None) ->
         if rim.leans and places is not None:
             builds = np.broadcast_shapes(places.shape[:-2], c.shape)
             x, y = np.moveaxis(np.broadcast_to(places, (*builds, *places.shape[-2:])), (-1, -2), (0, 1))
-            return rim.scale * leaning_room(c, rim, np.hypot(x, y), np.arctan2(y, x)).min(axis=0)
+            return np.asarray(rim.scale * leaning_room(c, rim, np.hypot(x, y), np.arctan2(y, x)).min(axis=0))
         if rim.leans:
             return rim.scale * leaning_room(c, rim, radius)
         between = d_f - rim.distance

@@ -701,8 +701,8 @@ def datasheet_section(grounds: SpreadSources) -> Section:
         "Detail that the image refocused to each distance shows with half its contrast; the lower of tangential and "
         "sagittal. "
     ) + (
-        "Fields lie along a diagonal and detail along and across it, where square microlenses pass other detail than "
-        "along their sides. Lines join equal resolution."
+        f"Fields lie along a diagonal, detail along and across it, where {grounds.design.microlens_array.lens_shape} "
+        "microlenses may pass other detail than along their rows. Lines join equal resolution."
         if len(drawn.panels) > 1
         else "It is alike at every field."
     )
