@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     BeforeValidator,
@@ -40,6 +40,8 @@ class Required(Part):
     quantity: str
     at: Length | None = None
     """Distance ahead of the bore's tip [mm]; the focal plane where left out."""
+    field: Literal["middle", "edge", "corner"] | None = None
+    """Where in what the sensor sees, of `detail_lp_per_mm` alone; the middle where left out, all that studies hold."""
     min: _End = None
     """Least value: text with a unit, or a number in the unit that the quantity's name ends with."""
     max: _End = None

@@ -93,6 +93,8 @@ class Requirement:
     """Remedy of that, or of a limit that is missed, in a sentence."""
     thin_twin: float | None = None
     """Value of the thin-lens model, where `value` is of rays through a real lens."""
+    field: str | None = None
+    """Place in the field that it is asked for at; None is the middle, or the whole."""
 
     def holds(self, values: Array | float) -> NDArray[np.bool_]:
         """Where values are within, but for what an optimiser's rounding may leave; nowhere where they are NaN."""
@@ -134,7 +136,8 @@ class Requirement:
     @property
     def verdict(self) -> Verdict:
         """Whether it is met, and by how much it is missed."""
-        where = "" if self.at_mm is None else f"_at_{self.at_mm:g}_mm"
+        where = "" if self.field is None else f"_{self.field}"
+        where += "" if self.at_mm is None else f"_at_{self.at_mm:g}_mm"
         counts = "; ".join(filter(None, (self.expanded(self.value), self.counts)))
         counts = f" ({counts})" if counts else ""
         text = f"{self.label} is {self.value_words}{counts}, required {self.both_limits}"
@@ -181,11 +184,15 @@ def requirements(
     for asked, quantity, low, high in limits(shown.design):
         depth = quantity.name == "u_z_mm"
         closed = float(budget(asked.at).u_z_mm) if depth else float(quantity(camera, asked.at))
+        field = None if asked.field == "middle" else asked.field
         rays = shown.told(quantity, asked.at)
+        if field is not None:
+            rays = closed = shown.detail_in(field, asked.at)
         value = closed if rays is None else rays
         undefined = math.isnan(value) or (quantity.of_views and not has_views(camera))
         met = not undefined and bool(quantity.within(low, high, value))
-        where = "" if asked.at is None else f" at {number(asked.at, 4)} mm"
+        where = "" if field is None else f" in the field's {field}"
+        where += "" if asked.at is None else f" at {number(asked.at, 4)} mm"
         label = (quantity.label or quantity.name) + where
         at, known = asked.at, None if undefined else value
         counts = counted[quantity.name](at) if quantity.name in counted and not undefined else ""
@@ -215,8 +222,10 @@ def requirements(
         if met and at is not None and quantity.of_views and (blurred := _blurred(camera, at)):
             only = ", ".join(filter(None, (only, "where single views blur")))
             remedy = "; ".join(filter(None, (remedy, blurred)))
-        if quantity.name == "detail_lp_per_mm" and not undefined and has_views(camera):
-            there = shown.corner_detail(at)
+        if field is not None and not met:
+            remedy = SHARPER
+        if quantity.name == "detail_lp_per_mm" and not undefined and field is None:
+            there = shown.detail_in("corner", at)
             counts = "; ".join(filter(None, (counts, f"in the middle; in the field's corner {number(there, 3)} lp/mm")))
             if met and low is not None and not quantity.within(low, None, there):
                 only = ", ".join(filter(None, (only, "in the middle alone")))
@@ -229,12 +238,12 @@ def requirements(
         if twin is not None:
             of_twin = f"of rays; of the thin-lens model {number(twin, 4)} {quantity.unit}"
             counts = "; ".join(filter(None, (counts, of_twin)))
-        elif lens.mounted and met and quantity.name not in NO_LENS_MOVES:
+        elif lens.mounted and met and field is None and quantity.name not in NO_LENS_MOVES:
             only = ", ".join(filter(None, (only, "by the thin-lens model alone")))
             beyond = f"no aberration of {lens.name} is in that: leave it a margin"
             remedy = "; ".join(filter(None, (remedy, beyond)))
         numbers = (at, low, high, known)
-        told.append(Requirement(quantity.name, label, *numbers, quantity.unit, met, counts, only, remedy, twin))
+        told.append(Requirement(quantity.name, label, *numbers, quantity.unit, met, counts, only, remedy, twin, field))
     return tuple(told)
 
 
@@ -252,8 +261,9 @@ def missed_words(required: Sequence[Requirement]) -> str:
 
 
 def limits_for_study(design: Design) -> tuple[dict[str, Any], ...]:
-    """Limits of a design's `[required]` as tables of a study's file."""
-    return tuple({"quantity": asked.quantity, **asked.limits()} for asked in design.required)
+    """Limits of a design's `[required]` as tables of a study's file, but those off the middle, which none holds."""
+    held = [asked for asked in design.required if asked.field in (None, "middle")]
+    return tuple({"quantity": one.quantity, **one.model_copy(update={"field": None}).limits()} for one in held)
 
 
 def _slip_of_unit(asked: Required, low: float | None, high: float | None, value: float, unit: str) -> str:

@@ -88,10 +88,10 @@ def _read(required: Iterable[Required]) -> tuple[list[Limits], list[Problem]]:
 
 def _apart(read: Iterable[Limits]) -> Iterator[Problem]:
     """Faults of limits of a list that contradict each other at one place."""
-    together: dict[tuple[str, float | None], list[Limits]] = {}
+    together: dict[tuple[str, float | None, str | None], list[Limits]] = {}
     for one in read:
-        together.setdefault((one[1].name, one[0].at), []).append(one)
-    for (name, at), several in together.items():
+        together.setdefault((one[1].name, one[0].at, one[0].field), []).append(one)
+    for (name, at, _), several in together.items():
         low = max((low for _, _, low, _ in several if low is not None), default=None)
         high = min((high for *_, high in several if high is not None), default=None)
         if fault := several[0][1].fault_of_limits(low, high):
@@ -102,4 +102,6 @@ def _fault(asked: Required, quantity: Quantity, low: float | None, high: float |
     """Fault of limits that can be read; empty where there is none."""
     if quantity.of is None:
         return f"'{quantity.name}' differs from field to field; name a quantity of a whole camera (`roslf quantities`)"
+    if asked.field is not None and quantity.name != "detail_lp_per_mm":
+        return f"{quantity.name} is of the whole camera; drop field"
     return quantity.fault_of_distance(asked.at) or quantity.fault_of_limits(low, high)

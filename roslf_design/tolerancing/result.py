@@ -293,9 +293,9 @@ def is_limited(final: Variant, one: Requirement) -> bool:
 def of_builds(one: Requirement) -> bool:
     """Whether a study's builds, of a real lens thin-lens models, tell how many of them meet a requirement.
 
-    They do not tell how far lengths are off of depth, expected.
+    They do not tell how far lengths are off of depth, expected, and nothing off the field's middle.
     """
-    return one.quantity != "u_z_mm"
+    return one.quantity != "u_z_mm" and one.field is None
 
 
 def limit_of(one: Requirement) -> tuple[str, float, float]:

@@ -12,7 +12,7 @@ from roslf_design.design import DesignError, dumps, loads
 from roslf_design.design.files import preset_path
 from roslf_design.errors import InputError
 from roslf_design.evaluation.evaluate import held_as_built
-from roslf_design.evaluation.required import AS_BUILT, required_of
+from roslf_design.evaluation.required import AS_BUILT, limits_for_study, required_of
 from roslf_design.evaluation.result import answer_tables, depth_budget_tables
 from roslf_design.evaluation.specification import FieldImages
 from roslf_design.reporting.sheet.lines import basis, datasheet_json
@@ -51,7 +51,7 @@ def test_limits_are_held_against_what_the_tables_say():
         "quantity": "u_z_mm", "label": near.label, "at_mm": 20.0, "min": None, "max": 0.5, "value": near.value,
         "unit": "mm", "met": True,
         "counts": "of shot and read noise and view mismatch, without lengths as built and temperature",
-        "only": "as drawn", "remedy": AS_BUILT, "thin_twin": None,
+        "only": "as drawn", "remedy": AS_BUILT, "thin_twin": None, "field": None,
     }  # fmt: skip
     assert told[3]["value"] is None  # infinite
     assert told[3]["met"]
@@ -436,3 +436,19 @@ def test_detail_that_the_middle_alone_shows_says_so():
     (hard,) = required_of(design.replace({"required": {"detail_lp_per_mm": {"min": (middle + corner) / 2}}}))
     assert hard.met
     assert "in the middle alone" in hard.only
+
+
+def test_detail_can_be_required_of_the_corner():
+    """As the first answer has it; studies hold what is asked of the middle alone."""
+    design = roslf.load("paper-singlet")
+    corner = roslf.evaluate(design).answer.corner_lp_per_mm
+    limits = [{"min": 0.9 * corner, "field": "corner"}, {"min": 1.1 * corner, "field": "corner"}, {"min": 1e-3}]
+    asked_of = roslf.loads(roslf.dumps(design.replace({"required": {"detail_lp_per_mm": limits}})))
+    held, missed, middle = required_of(asked_of)
+    assert (held.value, missed.value) == (pytest.approx(corner), pytest.approx(corner))
+    assert (held.met, missed.met, middle.field) == (True, False, None)
+    assert held.verdict.text.startswith("as required: detail in the field's corner is ")
+    assert "smaller sensor" in missed.verdict.remedy
+    assert limits_for_study(asked_of) == ({"quantity": "detail_lp_per_mm", "min": 1e-3},)
+    with pytest.raises(DesignError, match="is of the whole camera; drop field"):
+        roslf.evaluate(design.replace({"required": {"outer_diameter_mm": {"max": 99.0, "field": "corner"}}}))
