@@ -292,15 +292,21 @@ def _sharpened(images: ImageRows, c: ArrayKind, level: int, whole: bool) -> Arra
 
 
 class _Spectra(NamedTuple):
-    """Spectra of the light of each wave that stops leave, before diffraction; arrays broadcast to (N, 1 + W, S, S)."""
+    """Spectra of the light of each wave that stops and pixels leave, before diffraction.
+
+    Arrays broadcast to (N, 1 + W, S, S), or are (N, P) at those places alone that pass round microlenses.
+    """
 
     fx: Array
     """Frequencies along x: of the uniform light, by which all is divided, then of the texture's waves."""
     fy: Array
+    shape: tuple[int, int, int, int]
+    at: NDArray[np.intp] | None
+    """Where the places stand among (1 + W) S S; None: all of them."""
     cell: float
     light: Array | Complex
     turned: Array | Complex
-    """Change of each wave with B over i, shape (N, W, S, S)."""
+    """Change of each wave with B over i."""
     power: Array
     """Power of the texture's waves, shape (N, W)."""
     even: bool
@@ -311,31 +317,49 @@ class _Spectra(NamedTuple):
 
         Of even ones one half of the places: in the other the images are complex conjugates.
         """
+        sent = [self._placed(part.real if self.even else part, passed) for part in (self.light, self.turned)]
+        sent[1] = sent[1][:, 1:]
         if not self.even:
-            return np.fft.ifft2(self.light * passed), np.fft.ifft2(self.turned * passed[:, 1:]), np.ones(())
-        side = self.light.shape[-1]
-        light, turned = (
-            np.fft.ifft(np.fft.rfft(part, norm="forward"), axis=-2)
-            for part in (self.light.real * passed, self.turned.real * passed[:, 1:])
-        )
+            light, turned = map(np.fft.ifft2, sent)
+            return light, turned, np.ones(())
+        side = self.shape[-1]
+        light, turned = (np.fft.ifft(np.fft.rfft(part, norm="forward"), axis=-2) for part in sent)
         return light, turned, np.where(np.arange(side // 2 + 1) % (side // 2) > 0, 2.0, 1.0)
+
+    def _placed(self, part: Array | Complex, passed: Array) -> Array | Complex:
+        if self.at is None:
+            return part * passed
+        placed = np.zeros((self.shape[0], math.prod(self.shape[1:])), part.dtype)
+        placed[:, self.at] = part * passed
+        return placed.reshape(self.shape)
 
 
 def _spectra(images: ImageRows, waves: Spectrum, c: ArrayKind, level: int, whole: bool) -> _Spectra:
     count = len(images.pitch)
     kx, ky = (np.concatenate([np.zeros((count, 1)), k], 1)[..., None, None] for k in waves[:2])
     x, y, cell = lattice_orders(c, level)
-    fx, fy, bend = kx + x, ky + y, images.bend[:, None, None, None]
+    fx, fy, at = kx + x, ky + y, None
+    shape = np.broadcast_shapes(fx.shape, fy.shape)
+    if whole and LENS_SHAPES[c.lens_shape].round:
+        finest = np.minimum(images.finest, SHARPEST)[:, None, None, None]
+        at = np.flatnonzero((fx * fx + fy * fy < finest * finest).any(0))
+        fx, fy, kx, ky = (np.broadcast_to(f, shape).reshape(count, -1)[:, at] for f in (fx, fy, kx, ky))
+    bend, wide = (_along(part, fx) for part in (images.bend, images.wide))
     light, along, across = form_of(images, whole)(images, fx - bend * kx, fy - bend * ky)
-    per_wide = 2 * math.pi / images.wide[:, None, None, None]
-    turned = per_wide * kx[:, 1:] * along[:, 1:] + per_wide * ky[:, 1:] * across[:, 1:]
-    return _Spectra(fx, fy, cell, light, turned, waves.power, whole)
+    pixel = _pixel(images, fx, fy)
+    turned = 2 * math.pi / wide * pixel * (kx * along + ky * across)
+    return _Spectra(fx, fy, shape, at, cell, light * pixel, turned, waves.power, whole)
+
+
+def _along(values: Array, like: Array) -> Array:
+    """Values of images (N,), to broadcast with others whose first axis is theirs."""
+    return values.reshape(-1, *(1,) * (like.ndim - 1))
 
 
 def _information(images: ImageRows, c: ArrayKind, spectra: _Spectra) -> Array:
     """Information of images in each of their noises, shape (N, M): one signal, weighed by each."""
-    count, side = len(images.pitch), spectra.light.shape[-1]
-    passed = transfer(images, c, spectra.fx, spectra.fy) * (side * side / spectra.cell)
+    count, side = len(images.pitch), spectra.shape[-1]
+    passed = _lens(images, c, spectra.fx, spectra.fy) * (side * side / spectra.cell)
     light, turned, times = spectra.images(passed)
     own_light = images.light[:, None, None] * np.maximum(light[:, :1].real, 0.0).reshape(count, 1, -1)
     variance = images.variance(own_light)
@@ -377,7 +401,7 @@ def form_of(images: ImageRows, whole: bool) -> Callable[[ImageRows, Array, Array
 
 def _whole(images: ImageRows, fx: Array, fy: Array) -> Transforms:
     """Fourier transforms of a whole disc and, over i, of its first moments along x and y [pitches]."""
-    radius = images.openings.radii[:, 0, None, None, None]
+    radius = _along(images.openings.radii[:, 0], fx)
     first, bent = _bessel_quotients(np.square(2 * math.pi * radius) * (fx * fx + fy * fy))
     # The moment is i/(2 pi) times the derivative.
     moment = -4 * math.pi**2 * radius**4 * bent
@@ -423,7 +447,7 @@ def _straight(images: ImageRows, fx: Array, fy: Array) -> Transforms:
     """Fourier transforms of a whole rectangle and, over i, of its first moments along x and y [pitches]."""
     corners = images.openings.corners[:, images.openings.polygons.index(0)]
     sides = [(corners[:, 0] - corners[:, k]) / 2 for k in (1, 3)]
-    (ax, ay), (bx, by) = (tuple(side.T[..., None, None, None]) for side in sides)
+    (ax, ay), (bx, by) = ([_along(part, fx) for part in side.T] for side in sides)
     (along, along_bent), (across, across_bent) = (_sinc(2 * (fx * x + fy * y)) for x, y in ((ax, ay), (bx, by)))
     area = 4 * np.abs(ax * by - ay * bx)
     first, second = area * along_bent * across, area * along * across_bent
@@ -482,10 +506,15 @@ def _cut(images: ImageRows, fx: Array, fy: Array) -> Transforms:
 
 def transfer(images: ImageRows, c: ArrayKind, fx: Array, fy: Array) -> Array:
     """Transfer of diffraction, defocus and the pixel at each frequency [periods per pitch]."""
-    per_mm = (1 / images.pitch)[:, None, None, None]
-    box = images.pixel[:, None, None, None] * per_mm
-    pixel = pixel_box(fx, box) * pixel_box(fy, box)
-    own = (images.width, images.distance, images.defocus, images.wavelength)
-    wide, far, blurred, wave = (value[:, None, None, None] for value in own)
-    lenses = LENS_SHAPES[c.lens_shape].factors(wide, far, blurred, wave, fx * per_mm, fy * per_mm)
-    return math.prod(lenses, start=pixel)
+    return _pixel(images, fx, fy) * _lens(images, c, fx, fy)
+
+
+def _pixel(images: ImageRows, fx: Array, fy: Array) -> Array:
+    box = _along(images.pixel / images.pitch, fx)
+    return pixel_box(fx, box) * pixel_box(fy, box)
+
+
+def _lens(images: ImageRows, c: ArrayKind, fx: Array, fy: Array) -> Array:
+    per_mm = _along(1 / images.pitch, fx)
+    own = (_along(part, fx) for part in (images.width, images.distance, images.defocus, images.wavelength))
+    return math.prod(LENS_SHAPES[c.lens_shape].factors(*own, fx * per_mm, fy * per_mm))

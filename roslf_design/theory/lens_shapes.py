@@ -274,13 +274,14 @@ def _circle_transfer(width: Number, distance: Number, defocus: Number, wavelengt
     smooth = _circle_overlap(moved * nodes, turned * nodes) / (1 - moved * nodes) ** 1.5
     terms = np.cos(np.arange(count)[:, None] * angle) @ smooth.T * (2 / count)
     terms[0] /= 2
-    values = np.empty(rows.shape)
+    values, passing = np.zeros(rows.shape), np.flatnonzero((rows <= last).any(0))
     for at in range(0, len(rows), LENSES):
         some = slice(at, at + LENSES)
-        place, left = 2 * np.minimum(rows[some] / last[some], 1.0) - 1, np.maximum(1 - moved[some] * rows[some], 0.0)
-        values[some] = np.polynomial.chebyshev.chebval(place, terms[:, some, None], tensor=False)
-        values[some] *= left * np.sqrt(left)
-    return np.where(rows <= last, values, 0.0).reshape(frequency.shape)
+        near = rows[some, passing]
+        place, left = 2 * np.minimum(near / last[some], 1.0) - 1, np.maximum(1 - moved[some] * near, 0.0)
+        series = np.polynomial.chebyshev.chebval(place, terms[:, some, None], tensor=False)
+        values[some, passing] = np.where(near <= last[some], series * (left * np.sqrt(left)), 0.0)
+    return values.reshape(frequency.shape)
 
 
 def _line_transfer(
