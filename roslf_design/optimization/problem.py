@@ -32,7 +32,7 @@ from ..theory.tube import OUTER, housed
 from ..tolerancing.draws import sobol_points
 from .goals import SIGNS, UNDISTORTED, Constraint, Goal, Side
 from .lens_variables import FOCAL, VariedLens
-from .main_lens import IdealLensSearch, lens_search
+from .main_lens import TRACED_FTOL, IdealLensSearch, lens_search
 from .search import BIG
 from .traces import Field as ArrayPlace
 from .traces import FieldTraces
@@ -47,6 +47,8 @@ SIDES = "microlens_array.size.0", "microlens_array.size.1"
 
 T = TypeVar("T", Constraint, Goal)
 
+TOUCHED = 1e-18
+"""Squared distance in the unit box within which points are one."""
 TRIED = 8
 """Places that are looked at for each start behind a real lens."""
 
@@ -109,6 +111,9 @@ class DesignProblem:
     """Whether closed forms of the thin-lens model stand for rays through a real lens."""
     scales: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     """Units of the differences of constraints and of goals; None: their spread over the box."""
+    told_at: tuple[tuple[tuple[float, ...], Mapping[object, float]], ...] = ()
+    """Points where rays told the whole camera's numbers, and logarithms of those over what is posed, where they differ:
+    between the points it is their mean, by distances."""
 
     @cached_property
     def base(self) -> Camera:
@@ -139,7 +144,7 @@ class DesignProblem:
     @property
     def finest(self) -> float:
         """Change of the merit that ends a polished search: rounding, or what Newton's steps leave of traced rays."""
-        return self.main_lens.finest(self._fields)
+        return TRACED_FTOL if self.by_rays else self.main_lens.finest(self._fields)
 
     @property
     def summed(self) -> bool:
@@ -348,27 +353,34 @@ class DesignProblem:
             units = sobol_units(self.n, 64, 0)
             cameras = self.cameras(units)
             traces = self.traces(cameras, self.varied_lens(units))
-            limited = tuple(_spread_of(constraint.judged(cameras, traces)) for constraint in self.constraints)
-            return limited, tuple(_spread_of(goal.judged(cameras, traces)) for goal in self.goals)
+
+            def spread(part: Goal | Constraint) -> float:
+                # Ratios of what takes milliseconds need none.
+                apart = part.field is None and part.quantity.positive and self._summed(part.quantity)
+                return 1.0 if apart else _spread_of(part.judged(cameras, traces))
+
+            return tuple(map(spread, self.constraints)), tuple(map(spread, self.goals))
 
     def vector(self, units: Array) -> Array:
         """Merit and rows, shape (1 + rows, N), for units (N, n); not finite where there is no such number."""
         with np.errstate(all="ignore"):
             cameras, lens = self.cameras(units), self.varied_lens(units)
             result = np.empty((1 + len(self.rows), len(units)))
-            traces = self.traces(cameras, lens)
-            measured = [limit.measured(cameras, traces) for limit in self.constraints]
+            traces, posed_at = self.traces(cameras, lens), self._posed_at(units)
+            measured = [posed_at(limit).measured(cameras, traces) for limit in self.constraints]
             pairs = zip(self.constraints, measured, strict=True)
             known: dict[object, Array] = {limit.asked: values for limit, values in pairs if limit.as_judged}
-            result[0] = self.merit(cameras, traces, known)
+            result[0] = self.merit(cameras, traces, known, posed_at)
             result[1:] = self.rows_of(cameras, len(units), traces, lens, measured)
         return result
 
     def limits(self, units: Array) -> Array:
         """Rows of `vector` without the merit, shape (rows, N)."""
         with np.errstate(all="ignore"):
-            cameras, lens = self.cameras(units), self.varied_lens(units)
-            return self.rows_of(cameras, len(units), self.traces(cameras, lens), lens)
+            cameras, lens, posed_at = self.cameras(units), self.varied_lens(units), self._posed_at(units)
+            traces = self.traces(cameras, lens)
+            measured = [posed_at(limit).measured(cameras, traces) for limit in self.constraints]
+            return self.rows_of(cameras, len(units), traces, lens, measured)
 
     def rows_of(
         self,
@@ -391,12 +403,16 @@ class DesignProblem:
         return result
 
     def merit(
-        self, cameras: Camera, traces: FieldTraces | None = None, known: Mapping[object, Array] = MappingProxyType({})
+        self,
+        cameras: Camera,
+        traces: FieldTraces | None = None,
+        known: Mapping[object, Array] = MappingProxyType({}),
+        posed_at: Callable[[Goal], Goal] = lambda goal: goal,
     ) -> Array:
         """Weighted mean of the goals, small is good, 0 without goals; shape (N,)."""
         total: Array = np.zeros(())
         for goal, scale in zip(self.goals, self._spreads[1], strict=True):
-            value = known[goal.asked] if goal.asked in known else goal.judged(cameras, traces)
+            value = known[goal.asked] if goal.asked in known else posed_at(goal).judged(cameras, traces)
             if goal in self._bent:
                 value = np.minimum(value, 0.0)  # infinite is infinite, however far beyond
             counted = goal.sign * (np.log(value) if goal.quantity.positive else value / scale)
@@ -465,7 +481,7 @@ class DesignProblem:
     def told_by_rays(self, unit: Array) -> tuple[DesignProblem, float]:
         """Problem whose numbers of the whole camera are at a point those that rays tell, and how far others they were.
 
-        Elsewhere they are as many times those of the thin-lens model.
+        Elsewhere they are as many times those of the thin-lens model, between points told at before as lies between.
         """
         if not self.by_rays:
             return self, 0.0
@@ -475,13 +491,38 @@ class DesignProblem:
         if faults:
             return self, 0.0
         by = {part.asked: share for part, share in zip(parts, shares, strict=True) if share is not None}
+        believed = self._between(unit[None])
 
         def told(part: T) -> T:
-            share = by.get(part.asked)
-            return part if share is None else part.model_copy(update={"quantity": part.quantity.times(share)})
+            return (
+                part.model_copy(update={"quantity": part.quantity.times(by[part.asked])}) if part.asked in by else part
+            )
 
-        posed = replace(self, goals=tuple(map(told, self.goals)), constraints=tuple(map(told, self.constraints)))
-        return posed, max((abs(1 / share - 1) for share in by.values()), default=0.0)
+        logs = {asked: math.log(share) for asked, share in by.items()}
+        met = [(at, {**less, **{a: less.get(a, 0.0) - log for a, log in logs.items()}}) for at, less in self.told_at]
+        here = tuple(unit.tolist())
+        points = (*(one for one in met if one[0] != here), (here, {}))
+        limits, goals = tuple(map(told, self.constraints)), tuple(map(told, self.goals))
+        moved = (abs(float(believed[asked][0]) / share - 1) for asked, share in by.items())
+        return replace(self, constraints=limits, goals=goals, told_at=points), max(moved, default=0.0)
+
+    def _between(self, units: Array) -> Mapping[object, Array]:
+        """How many times what is posed rays tell of each thing asked, about, at points (N, n) between those told at."""
+        places = np.array([at for at, _ in self.told_at]).reshape(-1, self.n)
+        weights = 1 / np.maximum(np.square(units[:, None] - places).sum(-1), TOUCHED)
+        weights /= weights.sum(-1, keepdims=True)
+        logs = [less for _, less in self.told_at]
+        asked = (part.asked for part in (*self.goals, *self.constraints))
+        return {
+            a: np.exp(weights @ [less.get(a, 0.0) for less in logs]) if logs else np.ones(len(units)) for a in asked
+        }
+
+    def _posed_at(self, units: Array) -> Callable[[T], T]:
+        """Goals and limits as rays tell them at points (N, n)."""
+        if len(self.told_at) < 2:
+            return lambda part: part
+        between = self._between(units)
+        return lambda part: part.model_copy(update={"quantity": part.quantity.times(between[part.asked])})
 
     def untraced(self, *, rays: bool = True, sums: bool = True) -> DesignProblem:
         """Problem with those limits alone that no rays at fields tell; without others, or long sums, where so asked."""

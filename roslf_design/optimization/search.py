@@ -50,29 +50,34 @@ STEP = 5e-4
 """Step of finite differences, in the unit box."""
 CENTRAL = (np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12)
 FORWARD = (np.array([1.0, 2.0, 3.0, 4.0]), np.array([48.0, -36.0, 16.0, -3.0]) / 12)
-"""Offsets in steps, and weights; FORWARD also takes -25/12 of the middle."""
+ROUGH = (np.array([-1.0, 1.0]), np.array([-0.5, 0.5])), (np.array([1.0, 2.0]), np.array([2.0, -0.5]))
+"""Offsets in steps, and weights: about a point, and to one side, which also take minus its sum of weights there; half
+as many to about 1e-7, for searches that end at coarser changes."""
 FINER = (1.0, 1e-2, 1e-4)
 """Shares of the step that are tried one-sided."""
 
 
-def value_and_jacobian(vector: Vector, unit: Array, step: float = STEP, always: int = 0) -> tuple[Array, Array]:
+def value_and_jacobian(
+    vector: Vector, unit: Array, step: float = STEP, always: int = 0, *, roughly: bool = False
+) -> tuple[Array, Array]:
     """Rows (R,) of a vector function at a point (n,) of the unit box, and their derivatives (R, n); one call for all.
 
     By five-point differences: the closed forms are right to a few ulp, so that with a step of 1e-3 of the box the
     fourth-order formula is right to about 1e-12, better than the optimiser's own algebra. At a bound the points lie
     inside the box, for beyond d_3 = 0 a design has a kink; and where so many first rows say what `always` holds, inside
-    that: differences that reach beyond it tell nothing, and are made one-sided or finer.
+    that: differences that reach beyond it tell nothing, and are made one-sided or finer. `roughly`: of two points each.
     """
     n = len(unit)
-    points = np.repeat(unit[None], 1 + 4 * n, axis=0)
-    weights, middle = np.zeros((n, 4)), np.zeros(n)
+    central, forward = ROUGH if roughly else (CENTRAL, FORWARD)
+    count = len(central[0])
+    points = np.repeat(unit[None], 1 + count * n, axis=0)
+    weights = np.zeros((n, count))
     for i in range(n):
         inwards = 1.0 if unit[i] < 2 * step else -1.0 if unit[i] > 1 - 2 * step else 0.0
-        offsets, weights[i] = (inwards * FORWARD[0], inwards * FORWARD[1]) if inwards else CENTRAL
-        middle[i] = -25 / 12 * inwards
-        points[1 + 4 * i : 5 + 4 * i, i] += offsets * step
+        offsets, weights[i] = (inwards * forward[0], inwards * forward[1]) if inwards else central
+        points[1 + count * i : 1 + count * (i + 1), i] += offsets * step
     rows = vector(points)
-    values, around = rows[:, 0], rows[:, 1:].reshape(len(rows), n, 4)
+    values, around, middle = rows[:, 0], rows[:, 1:].reshape(len(rows), n, count), -weights.sum(1)
     held = (values[1 : 1 + always] <= FEASIBLE).all()
 
     def astray(some: Array) -> NDArray[np.bool_]:
@@ -141,6 +146,8 @@ class Guard:
     """How many of the first rows hold always, whatever is searched."""
     limits: Vector | None = None
     """The rows alone, where the merit takes long; None: as `vector` has them."""
+    roughly: bool = False
+    """Whether derivatives are of two points each."""
     evaluations: int = 0
     """Points asked for by the optimiser; those for derivatives are not counted."""
     mapped: int = 0
@@ -161,7 +168,7 @@ class Guard:
         if self._last is None or (derivatives and self._last[2] is None):
             own, jacobian = _inside(unit), None  # a copy: nlopt reuses its memory
             if derivatives:
-                values, jacobian = value_and_jacobian(self.vector, own, always=self.always)
+                values, jacobian = value_and_jacobian(self.vector, own, always=self.always, roughly=self.roughly)
                 jacobian = np.where(np.isfinite(jacobian), np.clip(jacobian, -BIG, BIG), 0.0)
             else:
                 values = self.vector(own[None])[:, 0]
@@ -387,7 +394,7 @@ def least_violation(
 
     best: tuple[float, float, Array, Array] | None = None
     for start in starts:
-        inner = Guard(relaxed, guard.budget)
+        inner = Guard(relaxed, guard.budget, roughly=guard.roughly)
         over = np.maximum(guard.rows(_inside(start))[0][1:], 0.0)
         slsqp(inner, np.concatenate([start, over[soft] * 1.01 / LARGEST_SLACK]), evaluations, COARSE)
         if inner.unit is None:
@@ -459,7 +466,7 @@ def search(
         The rows alone, where the merit takes long.
     """
     polish = tolerance <= FTOL
-    guard = Guard(vector, budget or SearchBudget(), always, limits)
+    guard = Guard(vector, budget or SearchBudget(), always, limits, roughly=not polish)
     begin = _inside(np.nan_to_num(np.asarray(start, float), nan=0.5))
     slsqp(guard, begin, evaluations, tolerance)
     if not (guard.feasible or guard.budget.ended):

@@ -53,6 +53,8 @@ TOUCHING = 1e-6
 MOST_SETTLING, SETTLED = 8, 1e-4
 """Searches after which numbers that rays tell are taken as they are, and how little they move before that, relative: in
 an answer by no more than `FEASIBLE`."""
+AROUND = 10
+"""Evaluations for each variable, at most, of a search between points where rays told."""
 DRIFT = 1e-6
 """Violation of a limit by rays that is none where searches never settle: along flat goals they end some way apart."""
 LOOKED_AT, ROUGHLY = 64, 1e-2
@@ -274,14 +276,15 @@ def solve_by_rays(problem: DesignProblem, settings: Settings = USUAL, tell: Tell
 
 
 def _settled_by_rays(problem: DesignProblem, settings: Settings, budget: SearchBudget, tell: Tell) -> Answer:
-    polish = partial(searched, budget=budget, evaluations=settings.evaluations, tolerance=problem.finest)
-    roughly = partial(polish, tolerance=max(settings.tolerance, problem.finest))
+    few = min(settings.evaluations, AROUND * problem.n)
+    polish = partial(searched, budget=budget, evaluations=few, tolerance=problem.finest)
+    roughly = partial(polish, evaluations=settings.evaluations, tolerance=max(settings.tolerance, problem.finest))
     start, found = None, []
-    if problem.traced:
+    if problem.summed:
         tell("limits of the whole camera")
         problem, part, near = reached_untraced(problem, _first(problem), settings.seed, roughly)
         start = near.unit
-        if not near.feasible:
+        if problem.traced and not near.feasible:
             tell("finding what stands in the way")
             conflict = explain(part, [start], budget, settings.seed)
             if not conflict.feasible_after_all:
@@ -290,9 +293,10 @@ def _settled_by_rays(problem: DesignProblem, settings: Settings, budget: SearchB
             found = [start]
     if not problem.by_rays:
         return _solved(problem, settings, budget, tell, found)
-    tell("rays at the optimum")
     start = _starts(problem, settings)[0] if start is None else start
-    problem, *_ = settled(problem, start, SETTLED, roughly)
+    about = partial(polish, tolerance=SETTLED)
+    problem, end, _ = settled(problem, start, SETTLED, about, tell)
+    found = [end.unit] if end.feasible else found
     answer, moved = _solved(problem, settings, budget, tell, found), 0.0
     # Of a lexicographic order the stages are solved as they were settled.
     for again in (False, True) if answer.problem is answer.asked else ():
@@ -379,18 +383,25 @@ def reached_untraced(
 
 
 def settled(
-    problem: DesignProblem, unit: Array, within: float, search: Callable[[DesignProblem, Array], Search]
+    problem: DesignProblem,
+    unit: Array,
+    within: float,
+    search: Callable[[DesignProblem, Array], Search],
+    tell: Tell = silent,
 ) -> tuple[DesignProblem, Search, float]:
     """A search that ends where rays tell what it took them to tell, but for so little, and the problem that it solves.
 
-    It begins anew from its end until then, at most `MOST_SETTLING` times. Beside it how far they were apart in the end.
+    It begins anew until then, at most `MOST_SETTLING` times: from its end or, where limits do not hold there as rays
+    tell them, where it began. Beside it how far they were apart in the end.
     """
-    for _ in range(MOST_SETTLING):
+    problem, _ = problem.told_by_rays(np.clip(unit, 0.0, 1.0))
+    for done in range(MOST_SETTLING):
+        tell("rays at the optimum", done, MOST_SETTLING)
         end = search(problem, unit)
         problem, moved = problem.told_by_rays(end.unit)
         if moved <= within:
             return problem, end, moved
-        unit = end.unit
+        unit = end.unit if judged(problem, end).feasible or not end.feasible else unit
     own = judged(problem, end)
     return problem, end if own.violation <= DRIFT else own, moved
 
@@ -414,12 +425,14 @@ def _solve(
     problem: DesignProblem, settings: Settings, budget: SearchBudget, tell: Tell, starts: Sequence[Array]
 ) -> Answer:
     searches: list[Search] = []
-    tolerance = max(settings.tolerance, problem.finest)
+    # What rays tell between points they told at is known about: the best is polished, and settled.
+    evaluations = min(settings.evaluations, AROUND * problem.n) if problem.told_at else settings.evaluations
+    tolerance = max(settings.tolerance, SETTLED / 10 if problem.told_at else problem.finest)
     for number, start in enumerate(starts, 1):
         if searches and budget.ended:
             break
         tell("searches", number - 1, len(starts))
-        searches.append(searched(problem, start, budget, settings.evaluations, tolerance))
+        searches.append(searched(problem, start, budget, evaluations, tolerance))
     best = min(searches, key=lambda s: (not s.feasible, s.merit if s.feasible else s.violation))
     checks: list[Check] = []
     wanted: dict[Global, bool] = {"crs2": settings.check, "isres": settings.isres}

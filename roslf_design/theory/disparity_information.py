@@ -294,13 +294,13 @@ def _sharpened(images: ImageRows, c: ArrayKind, level: int, whole: bool) -> Arra
 class _Spectra(NamedTuple):
     """Spectra of the light of each wave that stops and pixels leave, before diffraction.
 
-    Arrays broadcast to (N, 1 + W, S, S), or are (N, P) at those places alone that pass round microlenses.
+    Arrays broadcast to (N, 1 + W, S, S), or are (N, P) at those places alone that round microlenses pass.
     """
 
     fx: Array
     """Frequencies along x: of the uniform light, by which all is divided, then of the texture's waves."""
     fy: Array
-    shape: tuple[int, int, int, int]
+    shape: tuple[int, ...]
     at: NDArray[np.intp] | None
     """Where the places stand among (1 + W) S S; None: all of them."""
     cell: float
@@ -516,5 +516,7 @@ def _pixel(images: ImageRows, fx: Array, fy: Array) -> Array:
 
 def _lens(images: ImageRows, c: ArrayKind, fx: Array, fy: Array) -> Array:
     per_mm = _along(1 / images.pitch, fx)
-    own = (_along(part, fx) for part in (images.width, images.distance, images.defocus, images.wavelength))
-    return math.prod(LENS_SHAPES[c.lens_shape].factors(*own, fx * per_mm, fy * per_mm))
+    own = (images.width, images.distance, images.defocus, images.wavelength)
+    wide, far, blurred, wave = (_along(part, fx) for part in own)
+    lenses = LENS_SHAPES[c.lens_shape].factors(wide, far, blurred, wave, fx * per_mm, fy * per_mm)
+    return math.prod(lenses, start=np.ones(()))

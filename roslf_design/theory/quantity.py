@@ -149,8 +149,8 @@ class Quantity(BriefValue):
         values = values if self.worst is None else self.worst(values)
         return values if behind is None or not behind.any() else np.where(behind, np.nan, values)
 
-    def times(self, share: float) -> Quantity:
-        """The quantity, so many times as large."""
+    def times(self, share: float | Array) -> Quantity:
+        """The quantity, so many times as large; as many as there are builds, or one number."""
         of, over = self.of, self.over
         return replace(
             self,

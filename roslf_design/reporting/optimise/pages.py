@@ -289,8 +289,8 @@ def _about_trace(retrace: Retrace) -> Statement:
     folded = ", ".join(f"{x:g}, {y:g} mm" for x, y in retrace.folded)
     text = (
         f"Behind the real lens ({retrace.lens}) what is asked at a field was traced at every design tried; angles of "
-        "view, fields and detail where searches ended, elsewhere they are as many times the thin-lens model's; the "
-        "rest follows from the lens's focal length and principal planes. "
+        "view, fields and detail where searches ended, between those places they are as many times the thin-lens "
+        "model's as lies between; the rest follows from the lens's focal length and principal planes. "
         f"Traced again on its own, the optimum's goals and limits differ by up to {retrace.moved:.1g}"
     )
     if folded:
