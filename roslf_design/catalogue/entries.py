@@ -442,11 +442,17 @@ def left_to(kind: Kind, table: Mapping[str, Any], asked: Any) -> dict[str, Any]:
     except InputError:
         given = _needed(kind)
     own = {key: value for key, value in table.items() if INSTEAD.get(key, key) not in given}
-    with suppress(InputError):
-        for place, value in _named_part(kind, table["part"], None).declared.items():
-            if own.get(_key(place)) == value:
-                del own[_key(place)]
+    for place, value in declared_by(kind, table["part"]).items():
+        if own.get(_key(place)) == value:
+            del own[_key(place)]
     return own
+
+
+def declared_by(kind: Kind, asked: Any) -> dict[str, Any]:
+    """Place of a design to what a shipped part that is called so declares; empty where none is."""
+    with suppress(InputError):
+        return _named_part(kind, asked, None).declared
+    return {}
 
 
 def _needed(kind: Kind) -> set[str]:

@@ -16,7 +16,7 @@ from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
 from ..bore.main_lens import HIATUS, MainLensKind, main_lens_kind
 from ..catalogue.conditions import parse_condition, read_condition
-from ..catalogue.entries import KINDS, LENS_PRESCRIPTION, NAMED, Catalogue, Entry, Kind, Option, rows
+from ..catalogue.entries import KINDS, LENS_PRESCRIPTION, NAMED, Catalogue, Entry, Kind, Option, declared_by, rows
 from ..design import PATHS, Design
 from ..errors import InputError, Problem
 from ..lenses.glass import Glass
@@ -254,6 +254,14 @@ class Combinations:
             if column.dtype == np.float64
         }
 
+    @cached_property
+    def _forgotten(self) -> dict[str, Any]:
+        """Places where the base design has what its sensor declares, to what holds of one that declares none."""
+        sensor, fields = self.problem.design.sensor, type(self.problem.design.sensor).model_fields
+        declared = declared_by("sensors", sensor.part) if "sensors" in self.kinds else {}
+        keys = {place: place.rpartition(".")[2] for place in declared}
+        return {place: fields[key].default for place, key in keys.items() if getattr(sensor, key) == declared[place]}
+
     def problem_at(self, number: int) -> DesignProblem:
         """The problem with a combination's parts; of the base design d_1 stays, and d_f follows a new lens.
 
@@ -267,7 +275,8 @@ class Combinations:
         parts = self.chosen(number)
         numbers = {place: value for part in parts for place, value in self._numbers(part).items()}
         design, given = self.problem.design, {**self.problem.given, **numbers}
-        if declared := {place: value for part in parts for place, value in part.declared.items()}:
+        declared = self._forgotten | {place: value for part in parts for place, value in part.declared.items()}
+        if declared:
             design = design.replace(declared)
         cut = any(part.is_cut for part in parts)
         own = {place: given.pop(place) for place in (LENS_PRESCRIPTION, LENS_REVERSED) if place in given}

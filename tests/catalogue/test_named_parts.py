@@ -205,6 +205,18 @@ def test_a_study_that_chooses_parts_names_them():
     assert dict(named_parts(design))["sensor"].startswith(sensor.name)
 
 
+@pytest.mark.parametrize(("own", "kept"), [({}, "mono"), ({"sensor.colours": "RGGB"}, "RGGB")])
+def test_a_sensor_that_a_study_chooses_has_not_what_the_one_before_declared(own, kept):
+    """Filters of one's own stay; each sensor has those that it declares itself."""
+    base = roslf.load("rigid-scope").replace({"sensor.part": "OV5647"})
+    assert (base.sensor.colours, base.sensor.acceptance) == ("BGGR", pytest.approx(np.radians(42)))
+    problem = posed({"d_2": (0.2, 20.0)}, (), goal("sigma_z_mm", "min"), design=base.replace(own))
+    combinations = Combinations.of(problem, load_catalogue(), ("sensors",))
+    chosen = [combinations.problem_at(k).design.sensor for k in range(len(combinations))]
+    assert {sensor.colours for sensor in chosen if sensor.part == "OV5647"} == {"BGGR"}
+    assert {(sensor.colours, sensor.acceptance) for sensor in chosen if sensor.part != "OV5647"} == {(kept, None)}
+
+
 def test_the_catalogue_prints_what_to_paste(capsys, tmp_path):
     from roslf_design.commands.catalogue import catalogue
 
