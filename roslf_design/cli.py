@@ -94,7 +94,7 @@ COMMANDS = {
         "roslf decode raw.tif --white white.tif --design designs/paper.toml -o out/decoded",
     ),
     "catalogue": _Command(
-        "Lenses, microlens arrays and sensors that can be bought, with where their figures come from.",
+        "Lenses, microlens arrays, sensors and windows that can be bought, with where their figures come from.",
         'roslf catalogue --kind lenses --where "focal_length<=100 mm"',
     ),
     "export": _Command(

@@ -154,7 +154,7 @@ def report(
     tolerances
         A study of roslf tolerance: lines get two standard deviations of its builds as their limits.
     placed
-        Standard uncertainty of the distances in the names of captures, of themselves.
+        Standard uncertainty of the distances that captures have in their names, as a share of each.
     revision
         Revision of the page, as "B".
     stamp

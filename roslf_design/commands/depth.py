@@ -70,12 +70,12 @@ class _Simulation(Options):
     )
     exposures: int | None = Field(
         None,
-        description="With a design: pictures that differ by noise alone; with several, spread is told apart from what "
-        "stays.",
+        description="With a design: pictures that differ by noise alone; with several, scatter is told apart from "
+        "bias.",
     )
     believed: str | None = Field(
         None,
-        description="With a design: compute depth for this one instead, as with a wrong calibration.",
+        description="With a design: compute depth as if the camera were this other one, as with a wrong calibration.",
     )
     seed: int | None = Field(
         None,

@@ -66,7 +66,7 @@ class _Contents(Options):
     )
     seed: int | None = Field(
         None,
-        description="Seed of everything that chance has a part in, instead of the studies' own; the same seed gives "
+        description="Seed of all that is drawn at random, instead of the studies' own; the same seed gives "
         "the same bytes.",
     )
     accuracy: float | None = Field(

@@ -541,7 +541,7 @@ def _falls(evaluation: Evaluation) -> tuple[str, str]:
 
 def _assumed_rows(evaluation: Evaluation) -> list[dict[str, str]]:
     parts = [
-        (f"of it {term.name}", f"{short(float(term.u_mm), 3)} mm", term.remark)
+        (f"from {term.name}", f"{short(float(term.u_mm), 3)} mm", term.remark)
         for term in evaluation.depth_budget.terms
         if term.u_mm is not None
     ]

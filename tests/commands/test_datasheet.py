@@ -273,7 +273,7 @@ def test_what_a_calibration_leaves_uncertain_against_cameras_drawn_from_it(calib
     sheet = json.loads((tmp_path / "a.json").read_text())
     assert sheet["design"] == f"{design.name}, calibrated"
     assert all(words in sheet["basis"] for words in ("monday", "two standard deviations", "plate 1 thickness"))
-    (known,) = (line for line in sheet["lines"] if line["name"] == "of it lengths as calibrated")
+    (known,) = (line for line in sheet["lines"] if line["name"] == "from lengths as calibrated")
     assert (known["value"] > 0, known["remark"]) == (True, "by its pictures, its data sheet known before")
     draws = mixing @ np.random.default_rng(1).normal(size=(5, 600))
     best = roslf.Camera.of(design)

@@ -321,10 +321,10 @@ def test_what_makes_views_differ_is_set_and_depth_expected_told_with_its_terms()
     assert budget.words in page["depth_known"]["text"]
     rows = {row["label"]: row["value"] for row in page["depth_known"]["rows"]}
     told = {term.name: float(term.u_mm) for term in budget.terms if term.u_mm is not None}
-    assert all(rows[f"of it {name}"].startswith(f"{u:.3g} mm") for name, u in told.items())
+    assert all(rows[f"from {name}"].startswith(f"{u:.3g} mm") for name, u in told.items())
     page = played(session, ("write", "light.veil", "1.5"), *(("write", place, "0") for place in places[:3]))
     assert field_of(page, "light.veil")["fault"]
-    assert "of it view mismatch" in {row["label"] for row in page["depth_known"]["rows"]}
+    assert "from view mismatch" in {row["label"] for row in page["depth_known"]["rows"]}
     assert (session.design.depth.view_mismatch, session.design.sensor.dsnu) == (0.0, 0.0)
 
 

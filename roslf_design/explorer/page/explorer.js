@@ -217,6 +217,7 @@
   async function showTab(key) {
     view.tab = key;
     await nextTick();
+    document.getElementById("views").scrollTop = 0;
     const now = sizes();
     told = JSON.stringify(now);
     ask("show", key, now);

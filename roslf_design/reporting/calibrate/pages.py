@@ -478,12 +478,15 @@ def plan_blocks(
     if SceneSide.of(design) is not None:
         text += " Boards stand at mechanical distances; d_3, H and the other lengths are as the main lens sees them."
     supposed, other = "by captures alone", "A report, data sheet or story knows tolerances, too: its U is no larger."
+    promises, changed = "What these captures promise", "Expected sigma after one change"
     if build is not None:
         u = planned_depth(design, plan, asked).expanded_mm
         supposed, other = (
             "with tolerances known before",
             f"By captures alone, as `roslf calibrate --plan`: ± {_rounded(u)}.",
         )
+        promises += ", without tolerances"
+        changed += ": of lengths without tolerances, of depth with them"
     depth = planned_depth(design, plan, asked, build)
     after = _changed_depths(design, plan, build)
     best = next(iter(after), "")
@@ -520,13 +523,13 @@ def plan_blocks(
     return (
         Paragraph(text),
         Statements(tuple(answers)),
-        Table(rows, "lrl", ("", "expected sigma", ""), "What these captures promise", RATIOS),
+        Table(rows, "lrl", ("", "expected sigma", ""), promises, RATIOS),
         _shares_table(before.shares),
         Table(
             changes,
             "lrrrrr",
             ("one change", "d_3 [mm]", "H", "d_2 [mm]", "gain in d_3", "depth, u [mm]"),
-            "Expected sigma after one change",
+            changed,
         ),
         Code(command, "Once images are captured, with the design below as design.toml"),
     )
@@ -543,14 +546,16 @@ def _promise(design: Design, plan: CapturePlan, asked: PlanOptions, build: Lengt
     sizes = {"d_3": f"{sigma['d_3']:.2g} mm", "H": f"{sigma['H']:.2g}", "d_2": _rounded(sigma["d_2"])}
     known = [f"{name} to {size}" for name, size in sizes.items() if plan.determined(name)]
     text = f"It will know {listed(known)} (one standard deviation)." if known else ""
+    advice = plan.advice
     if build is not None and plan.determined("d_3"):
         text += f" Tolerances are known before; captures alone tell d_3 to {alone['d_3']:.2g} mm."
+        advice = f"{advice.removesuffix('.')}, by captures alone."
     d_3 = float(Camera.of(design).seen.d_3)
     if plan.determined("d_3") and sigma["d_3"] >= abs(d_3):
         text += f" d_3 itself is {number(d_3, 2)} mm as the main lens sees it."
     if lost := [name for name in QUANTITIES if not plan.determined(name)]:
         text += f" Not determined by these poses: {listed(lost)}; depth is known without them."
-    return Statement("plain" if plan.determined("d_3") else "caution", text.strip(), plan.advice)
+    return Statement("plain" if plan.determined("d_3") else "caution", text.strip(), advice)
 
 
 def _rounded(size: Any) -> str:

@@ -126,11 +126,14 @@ def mla_map(
         marks.append(Dots([x], [y], colour, size=4.5, edge="ground", width=1.5, clip=True))
     if selected is not None:
         marks += _cross(selected, panel)
-    words = _shares(thin, fields)
+    words = shares = _shares(thin, fields)
+    told = [f"on the sensor: {words}", words]
     if traced_to is not None:
-        words = f"{words} by the thin lens, traced: whole to {traced_to:.4g} mm"
-    whole = f"on the sensor: {words}"
-    remark = Text(14, 16, whole if text_width(whole, SMALL) < size[0] - 20 else words, testid="mla-shares")
+        traced = f"traced: whole to {traced_to:.4g} mm"
+        words = f"{shares} by the thin lens, {traced}"
+        told = [f"on the sensor: {words}", words, f"{shares}; {traced}", traced]
+    shown = next((text for text in told if text_width(text, SMALL) < size[0] - 20), told[-1])
+    remark = Text(14, 16, shown, testid="mla-shares")
     title = f"Map of the microlens array of {design.name}: {words} of the images on the sensor"
     panel = panel.with_marks(*marks)
     return Picture("mla-map", title, size, (panel,), tuple(keys), (14.0, size[1] - tall - 2, size[0] - 24), (remark,))

@@ -224,7 +224,7 @@ def _light(design: Design, view: _ImageView, waves: bool) -> tuple[list[Mark], s
     if patch is None:
         return plain, "too many images overlap for diffraction"
     peak = float(patch.max(initial=0.0))
-    return [Image(patch, box, "blues", 0.0, max(peak, 1.0))], f"max {short(peak, 2)}"
+    return [Image(patch, box, "blues", 0.0, max(peak, 1.0))], f"brightest pixel {short(peak, 2)}"
 
 
 def _lines(design: Design, view: _ImageView, on_picture: bool) -> list[Mark]:
@@ -287,7 +287,7 @@ def _image_keys(design: Design, on_picture: bool = False) -> list[Key]:
         *openings,
         box_key("own cell", "none", 1.0, "green", 1.8),
         chief,
-        *([Key("black 0 to white 1, or max", ())] if on_picture else []),
+        *([Key("black: no light; white: 1, or the brightest pixel", ())] if on_picture else []),
     ]
 
 

@@ -415,7 +415,7 @@ def _expected_lines(budgets: Mapping[float | None, DepthBudget]) -> Iterator[_Sh
             yield _SheetLine(EXPECTED, f"U at {number(at, 4)} mm", expanded, "mm", mostly, "", missing)
     for term in budget.terms:
         if term.u_mm is not None and term.kind == "trueness":
-            yield _SheetLine(EXPECTED, f"of it {term.name}", float(term.u_mm), "mm", term.remark)
+            yield _SheetLine(EXPECTED, f"from {term.name}", float(term.u_mm), "mm", term.remark)
     if budget.left_out:
         yield _SheetLine(EXPECTED, "not in it", None, "", budget.left_out, "", "–")
 
