@@ -471,7 +471,10 @@ def test_waves_and_raw_images_are_shown_with_their_scales():
     assert "74.1 %" in picture.panels[2].title
     assert all("µm" in panel.x_label for panel in picture.panels[::2])
     raw = render(PAPER, region=(0, 0, 200, 100), threads=1)
-    assert {panel.title for panel in preview(raw).panels} >= {"centre", "edge", "corner"}
+    places = ("centre", "edge", "corner")
+    assert {panel.title for panel in preview(raw).panels} >= {f"{place} of this region" for place in places}
+    small = PAPER.replace({"sensor.size": (0.96, 0.48)})
+    assert {panel.title for panel in preview(render(small, threads=1)).panels} >= {*places}
 
 
 @pytest.mark.parametrize("name", THROUGH)

@@ -224,7 +224,7 @@ def _light(design: Design, view: _ImageView, waves: bool) -> tuple[list[Mark], s
     if patch is None:
         return plain, "too many images overlap for diffraction"
     peak = float(patch.max(initial=0.0))
-    return [Image(patch, box, "blues", 0.0, max(peak, 1.0))], f"brightest pixel {short(peak, 2)}"
+    return [Image(patch, box, "blues", 0.0, max(peak, 1.0))], f"peak {short(peak, 2)}"
 
 
 def _lines(design: Design, view: _ImageView, on_picture: bool) -> list[Mark]:
@@ -287,7 +287,7 @@ def _image_keys(design: Design, on_picture: bool = False) -> list[Key]:
         *openings,
         box_key("own cell", "none", 1.0, "green", 1.8),
         chief,
-        *([Key("black: no light; white: 1, or the brightest pixel", ())] if on_picture else []),
+        *([Key("black: no light; white: 1, or the peak", ())] if on_picture else []),
     ]
 
 
@@ -358,7 +358,10 @@ def _images_over(lattice: ImageLattice, image: ClearAperture, points: Array, hal
 
 
 def preview(image: RawImage) -> Picture:
-    """Draw a raw image with zooms of about five microlens images at its centre, edge and corner."""
+    """Draw a raw image with zooms of about five microlens images at its centre, edge and corner.
+
+    Of a part of the sensor the titles say so.
+    """
     pixels, region = image.pixels, image.region
     top = max(float(np.percentile(pixels[:: max(1, region.rows // 500)], 99.9)), 1e-9)
     # Every so many pixels would beat with the microlenses: show means of blocks.
@@ -381,13 +384,14 @@ def preview(image: RawImage) -> Picture:
     whole = panel(at, (wide, high), small, title, (region.column, region.row), (region.columns, region.rows))
     below, each = high + 30 + 78, 220.0
     panels, frames = [], []  # type: list[Panel], list[Mark]
+    part_of = "" if (region.columns, region.rows) == image.design.pixels else " of this region"
     for name, left, colour, column, row in (
         ("centre", 70.0, "blue", right // 2, upper // 2), ("edge", 410.0, "vermillion", right, upper // 2),
         ("corner", 750.0, "green", right, upper),
     ):  # fmt: skip
         part = np.asarray(pixels[row : row + side, column : column + side], float)
         start = region.column + column, region.row + row
-        zoomed = panel((left, below), (each, each), part, name, start, (side, side))
+        zoomed = panel((left, below), (each, each), part, name + part_of, start, (side, side))
         (a, b, _), (c, d, _) = zoomed.x, zoomed.y
         frame = Area([a, b, b, a], [c, c, d, d], "none", 1.0, colour, 3.0, clip=False)
         panels.append(zoomed.with_marks(frame))
