@@ -170,7 +170,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _run(arguments: list[str]) -> Any:
-    from cyclopts.exceptions import CycloptsError
+    from cyclopts.exceptions import CycloptsError, MissingArgumentError
 
     try:
         command, bound, _ = build_app().parse_args(_signed(arguments), exit_on_error=False, print_error=False)
@@ -186,6 +186,11 @@ def _run(arguments: list[str]) -> Any:
         wrong = f"{more[0]!r} is one argument too many." if more else " ".join(str(error).split())
         if more and not error.command_chain and (near := difflib.get_close_matches(more[0], COMMANDS, 1)):
             wrong = f"{more[0]!r} is no command; did you mean {near[0]}?"
+        if isinstance(error, MissingArgumentError) and error.argument:
+            missing = "needs a value" if error.keyword else "is missing"
+            command, *within = error.command_chain or ("",)
+            shown = "" if within or command not in COMMANDS else f", as in: {COMMANDS[command].example}"
+            wrong = f"{error.argument.name} {missing}{shown}."
         return _complain(f"{wrong} See `{asked} --help`.", 2)
     except UnicodeEncodeError as error:
         if error.encoding != "utf-8":

@@ -348,6 +348,8 @@ def _missing(at: _Place, name: str) -> str:
         return f"is missing; add it{example}"
     # A default that is validated is none: it stands for a value that another key gives.
     fields = at.models[0].model_fields.items()
-    needed = ", ".join(name for name, field in fields if field.is_required() or field.validate_default)
+    needed = getattr(at.models[0], "USUAL", None) or [
+        name for name, field in fields if field.is_required() or field.validate_default
+    ]
     table = f"[[{at.key}]]" if at.listed else f"[{at.key}]"
-    return f"is missing; add the table {table} with {needed}"
+    return f"is missing; add the table {table} with {', '.join(needed)}"

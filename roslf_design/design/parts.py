@@ -196,6 +196,9 @@ class Stop(Opening):
 class Pupil(Opening):
     """The flexible angular plane (FAP), or the stop behind the main lens whose image by the lens it is."""
 
+    USUAL: ClassVar = ("diameter", "distance")
+    """Keys that make one of most cameras."""
+
     distance: AnyLength | None = None
     """d_3, distance in front of the main lens [mm]; 0 is at the lens, below 0 behind it, where the scene sees the
     entrance pupils of many bought objectives. None of a stop `behind` the lens."""
