@@ -188,8 +188,8 @@ def _run(arguments: list[str]) -> Any:
             wrong = f"{more[0]!r} is no command; did you mean {near[0]}?"
         if isinstance(error, MissingArgumentError) and error.argument:
             missing = "needs a value" if error.keyword else "is missing"
-            command, *within = error.command_chain or ("",)
-            shown = "" if within or command not in COMMANDS else f", as in: {COMMANDS[command].example}"
+            chain = " ".join(error.command_chain or ())
+            shown = f", as in: {COMMANDS[chain].example}" if chain in COMMANDS else ""
             wrong = f"{error.argument.name} {missing}{shown}."
         return _complain(f"{wrong} See `{asked} --help`.", 2)
     except UnicodeEncodeError as error:
