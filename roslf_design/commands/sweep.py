@@ -22,7 +22,7 @@ from ..reporting.sweep import sweep_picture
 from ..theory.limits import as_design, limits
 from ..units import read_quantity
 from .report import folder_name
-from .terminal import DesignName, OptionalOutput, check_target, read_distances, say, write_files
+from .terminal import DesignName, OptionalOutput, bar, check_target, read_distances, say, write_files
 
 if TYPE_CHECKING:
     from ..evaluation.sweep import Sweep
@@ -88,7 +88,8 @@ def sweep(
     if not names:
         raise refusal("quantity", "names none; give at least one, as fill_factor")
     try:
-        swept = compute(loaded, places, list(dict.fromkeys(names)), away)
+        with bar("sweep") as tell:
+            swept = compute(loaded, places, list(dict.fromkeys(names)), away, tell)
     except InputError as error:
         raise refusal("set", "; ".join(map(str, error.problems))) from None
     except ValueError as error:

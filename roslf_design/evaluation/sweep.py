@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -97,6 +97,7 @@ def sweep(
     places: Mapping[str, ArrayLike],
     quantities: str | Sequence[str],
     at: Distance | Sequence[Distance] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Sweep:
     """Quantities over one or two numbers of a design, all points at once.
 
@@ -114,6 +115,8 @@ def sweep(
     at : float or str, optional
         Distance ahead of the bore's tip for quantities that are asked for at one [mm], a list of one too; None is the
         focal plane. Behind the tip they have no value.
+    progress : callable, optional
+        Told the share that is done, from 0 to 1.
 
     Raises
     ------
@@ -145,13 +148,16 @@ def sweep(
     grid = np.meshgrid(*axes.values(), indexing="ij")
     camera = Camera.of(design, {place: values.ravel() for place, values in zip(axes, grid, strict=True)})
     values, valid = {}, np.broadcast_to(camera.valid, camera.shape).copy()
-    with np.errstate(all="ignore"):  # of points that are no cameras
-        for quantity in known:
-            each = np.broadcast_to(quantity(camera, at if quantity.at != "never" else None), camera.shape)
-            values[quantity.name] = np.where(valid, each, np.nan).reshape(shape)
     by_rays = [quantity for quantity in known if quantity.of_rays is not None and design.main_lens.kind.mounted]
     few = len(valid) <= MOST_TRACED
-    for k in np.flatnonzero(valid) if by_rays and few else ():
+    traced = np.flatnonzero(valid) if by_rays and few else ()
+    with np.errstate(all="ignore"):  # of points that are no cameras
+        for done, quantity in enumerate(known):
+            progress(done / (len(known) + len(traced)))
+            each = np.broadcast_to(quantity(camera, at if quantity.at != "never" else None), camera.shape)
+            values[quantity.name] = np.where(valid, each, np.nan).reshape(shape)
+    for done, k in enumerate(traced, len(known)):
+        progress(done / (len(known) + len(traced)))
         point = {PATHS.get(place, place): float(values.ravel()[k]) for place, values in zip(axes, grid, strict=True)}
         told, faults = rays_tell(partial(design.replace, point), [(quantity, at) for quantity in by_rays])
         valid[k] = not faults

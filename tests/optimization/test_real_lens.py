@@ -128,6 +128,23 @@ def test_a_field_of_the_whole_camera_is_held_as_rays_tell_it():
     assert abs(alone / known - 1) > 0.05
 
 
+def test_what_rays_told_at_two_places_holds_at_both_and_lies_between():
+    design = SINGLET.replace({"main_lens.focal_plane": 350.0})
+    limit = Constraint(quantity="field_half_width_mm", min=31.0)
+    problem = posed({"d_f": (250, 450)}, [limit], Goal(quantity="sigma_z_mm", direction="min"), design=design)
+    ends, middle = np.array([[0.1], [0.9]]), np.array([[0.5]])
+    for end in ends:
+        problem, _ = problem.told_by_rays(end)
+    told = [FieldImages.of(problem.design_at(end)).told(roslf.quantity("field_half_width_mm"), None) for end in ends]
+    rows = [row.label.startswith("field_half_width_mm") for row in problem.rows]
+    for found in (problem.vector(ends)[1:], problem.limits(ends)):
+        assert 31.0 * np.exp(-found[rows][0]) == pytest.approx(told, rel=1e-9)
+    thin = roslf.quantity("field_half_width_mm")(problem.cameras(np.vstack([ends, middle])), None)
+    shares = 31.0 * np.exp(-problem.limits(np.vstack([ends, middle]))[rows][0]) / thin
+    assert shares[2] == pytest.approx(np.sqrt(shares[0] * shares[1]), rel=1e-9)
+    assert abs(shares[0] / shares[1] - 1) > 1e-3
+
+
 def test_points_of_a_front_are_told_by_rays_of_their_own():
     goals = (Goal(quantity="field_half_width_mm", direction="max"), Goal(quantity="sigma_z_mm", direction="min"))
     problem = posed({"d_f": (250, 450)}, [], *goals, design=SINGLET.replace({"main_lens.focal_plane": 350.0}))

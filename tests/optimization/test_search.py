@@ -8,7 +8,7 @@ import nlopt
 import numpy as np
 import pytest
 
-from roslf_design.optimization.search import Guard, SearchBudget, globally, search, slsqp
+from roslf_design.optimization.search import Guard, SearchBudget, globally, search, slsqp, value_and_jacobian
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,24 @@ class Toy:
 
 
 OPTIMUM = (0.65, 0.35)
+
+
+@pytest.mark.parametrize("place", [0.0, 0.4, 1.0])
+def test_derivatives_of_two_points_each_serve_searches_that_end_coarsely(place):
+    asked = []
+
+    def vector(units):
+        asked.append(len(units))
+        return np.stack([np.exp(units[:, 0]) * units[:, 1] ** 3, np.sin(3 * units[:, 1])])
+
+    unit = np.array([place, 0.7])
+    known = [[np.exp(place) * 0.343, 3 * np.exp(place) * 0.49], [0.0, 3 * np.cos(2.1)]]
+    for roughly, error in ((True, 5e-6), (False, 1e-10)):
+        values, jacobian = value_and_jacobian(vector, unit, roughly=roughly)
+        assert values == pytest.approx([np.exp(place) * 0.343, np.sin(2.1)])
+        assert np.abs(jacobian - known).max() < error
+    assert asked == [5, 9]
+
 
 
 def nan_region(units, rows):
