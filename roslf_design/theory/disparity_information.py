@@ -326,7 +326,7 @@ class _Spectra(NamedTuple):
         light, turned = (np.fft.ifft(np.fft.rfft(part, norm="forward"), axis=-2) for part in sent)
         return light, turned, np.where(np.arange(side // 2 + 1) % (side // 2) > 0, 2.0, 1.0)
 
-    def _placed(self, part: Array | Complex, passed: Array) -> Array | Complex:
+    def _placed(self, part: Any, passed: Array) -> Any:
         if self.at is None:
             return part * passed
         placed = np.zeros((self.shape[0], math.prod(self.shape[1:])), part.dtype)

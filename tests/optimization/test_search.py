@@ -42,7 +42,6 @@ def test_derivatives_of_two_points_each_serve_searches_that_end_coarsely(place):
     assert asked == [5, 9]
 
 
-
 def nan_region(units, rows):
     return np.where(units[:, 0] > 0.66, np.nan, rows)
 
