@@ -204,7 +204,7 @@ class _IdealMount:
     def method(shapes: bool, discs: bool) -> str:
         """How each build is computed: shapes asked for or not, their rims discs on the sensor or not."""
         rims = "discs (to 1e-15)" if discs else "ellipses (to 1e-13)"
-        return f"each by closed forms{f', shapes as common parts of {rims}' if shapes else ''}"
+        return f"each by closed forms{f', microlens images as intersections of {rims}' if shapes else ''}"
 
     @staticmethod
     def in_closed_form(design: Design) -> bool:

@@ -581,7 +581,7 @@ def precision(
         measured = SIGMAS * max(yields.measured or 0.0, ranks.measured or 0.0)
     sampled = "Sobol points" if plan.draws.sampling == "sobol" else "random builds"
     accuracy = Accuracy(
-        "statistical error of the yield and of each quantile's rank (0.01: 1 % of the Monte Carlo units)",
+        "error by chance of the yield, and of the share of builds below each quantile (0.01: 1 % of the builds)",
         f"{plan.trials:,} {sampled}; {shapes_text(plan)}",
         max(SIGMAS * ranks.expected, 0.5 * (high - low)),
         measured,
