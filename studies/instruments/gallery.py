@@ -126,11 +126,17 @@ def breakable(text: str) -> str:
     )
 
 
+def in_full(value: float, many: int) -> str:
+    """A number to so many digits, a count of thousands without powers of ten."""
+    text = f"{value:.{many}g}"
+    return f"{float(text):.0f}" if "e+" in text else text
+
+
 def cells(row: Row) -> tuple[str, ...]:
     """A row of an instrument's table."""
     many = digits(row)
-    published = " to ".join(f"{value:.{many}g}" for value in row.published)
-    predicted = "-" if row.predicted is None else f"{row.predicted:.{many}g}"
+    published = " to ".join(in_full(value, many) for value in row.published)
+    predicted = "-" if row.predicted is None else in_full(row.predicted, many)
     ratio = "-" if row.ratio is None else f"{row.ratio:.4f}" if abs(row.ratio - 1) < 0.1 else f"{row.ratio:.2f}"
     unit = f" [{row.unit}]" if row.unit else ""
     how = f"; predicted: {row.expression}" if row.expression else ""
