@@ -184,13 +184,12 @@ def outlines(scene: Instrument, width: float = PAGE) -> Picture:
     tops, _ = projected([name.at for name in above])
     widths = [text_width(name.text, SMALL) for name in above]
     places = [min(max(x, w / 2 + 2), width - w / 2 - 2) for x, w in zip(tops[:, 0].tolist(), widths, strict=True)]
-    head = 0.0
-    for name, (x, y), place, row in zip(above, tops, places, rows_of_names(places, widths, 4.0), strict=True):
-        level = float(y) + 12 + 16 * row
-        marks.append(Line([x, x], [y, level], "grey", 0.8))
-        marks.append(Text(place, level, name.text, anchor="middle", dy=-3))
-        # Names in several rows may stand above the view.
-        head = max(head, level + 14 - height)
+    levels = [float(y) + 12 + 16 * row for y, row in zip(tops[:, 1], rows_of_names(places, widths, 4.0), strict=True)]
+    marks += [Line([x, x], [y, level], "grey", 0.8) for (x, y), level in zip(tops, levels, strict=True)]
+    for name, place, level in zip(above, places, levels, strict=True):
+        marks.append(Text(place, level, name.text, anchor="middle", dy=-3, halo=True))
+    # Names in several rows may stand above the view.
+    head = max([0.0, *(level + 14 - height for level in levels)])
     marks += [Text(4.0, 6.0, name.text, "grey") for name in scene.names if name not in above]
     hues = zip(("centre", "edge", "corner", "blocked"), (*FIELDS, "vermillion"), strict=True)
     keys = [line_key(label, hue, 2.0) for label, hue in hues if any(part.colour == hue for part in scene.parts)]
