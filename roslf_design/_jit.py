@@ -8,6 +8,7 @@ floats and arrays, runs interpreted as it stands, and is compiled only when some
 from __future__ import annotations
 
 import contextlib
+import gc
 import importlib
 import os
 import sys
@@ -180,6 +181,18 @@ def _numba() -> Any:
 
 
 @contextlib.contextmanager
+def _uncollected() -> Iterator[None]:
+    """Within it no garbage is looked for: a compilation makes little, and would be looked through again and again."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
+
+
+@contextlib.contextmanager
 def _wide_vectors() -> Iterator[None]:
     """Within it, code is compiled for vectors as wide as the processor's, and no other thread compiles.
 
@@ -249,7 +262,7 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
         # In one process, then among all: who waited reads what the other compiled. Numba would compile once more for
         # literal arguments, and for arrays that are read only, without any gain.
         plain = tuple(_writable(unliteral(kind)) for kind in types)
-        with _COMPILING, alone(), _wide_vectors():
+        with _COMPILING, alone(), _wide_vectors(), _uncollected():
             shelved, began, before = kernel.shelved, time.perf_counter(), _unshelved[0]
             try:
                 code = compile_now(plain)

@@ -33,7 +33,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 from roslf_design.bench import reference  # noqa: E402
 from roslf_design.calibration import corners, outcome, planning, raw  # noqa: E402
-from roslf_design.calibration.white_profile import ImageFit  # noqa: E402
+from roslf_design.calibration.white_profile import ImageFit, WhiteFrame  # noqa: E402
 from roslf_design.commands import terminal  # noqa: E402
 from roslf_design.depth import measure  # noqa: E402
 from roslf_design.drawing.picture import Picture  # noqa: E402
@@ -150,7 +150,8 @@ def found_once():
 
     with pytest.MonkeyPatch.context() as patch:
         places = [(module, "find_centres") for module in (outcome, raw, reference)]
-        places += [(corners, "find_corners"), (corners, "fit_saddles"), (ImageFit, "of"), (planning, "expected_errors")]
+        places += [(corners, "find_corners"), (corners, "fit_saddles"), (planning, "expected_errors")]
+        places += [(ImageFit, "of"), (WhiteFrame, "profile")]
         for place, name in places:
             patch.setattr(place, name, remembered(getattr(place, name)))
         yield known

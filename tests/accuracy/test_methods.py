@@ -7,6 +7,7 @@ from statistics import NormalDist
 import mpmath as mp
 import numpy as np
 import pytest
+from scipy import special
 
 import roslf_design as roslf
 from roslf_design.accuracy.table import QUANTITIES, shipped_table
@@ -243,7 +244,7 @@ def test_a_line_is_huygens_integral_over_the_aperture():
 
 
 def test_reference_of_a_cut_image_is_the_double_integral_by_another_program():
-    """One pixel of a cat's eye in focus: sinc^2 over pixel and pupil by mpmath's own rule, to eleven digits."""
+    """One pixel of a cat's eye in focus: sinc^2 over the pixel by its sine integral, over the pupil by columns."""
     camera = CUTS["cat's eye, N_F 0.9"].design
     camera = camera.replace({"microlens_array.focal_length": 1 / (1 / camera.d_2 - 1 / 460)})
     job = Job(CUT, camera, CUTS["cat's eye, N_F 0.9"].axis)
@@ -254,30 +255,23 @@ def test_reference_of_a_cut_image_is_the_double_integral_by_another_program():
 
     def line(off):
         """Of sinc^2(t/w)/w from off - 1/2 to off + 1/2."""
-        ends = [mp.pi * (off + side) / w for side in (-0.5, 0.5)]
-        total = [(mp.si(2 * t) - mp.sin(t) ** 2 / t if t else mp.mpf(0)) / mp.pi for t in ends]
-        return total[1] - total[0]
+        low, high = (np.pi * (off + side) / w for side in (-0.5, 0.5))
+        return np.diff([special.sici(2 * t)[0] - np.sin(t) ** 2 / t for t in (low, high)], axis=0)[0] / np.pi
 
-    centres, radii = ([[mp.mpf(float(v)) for v in c] for c in job.discs[0]], [mp.mpf(float(r)) for r in job.discs[1]])
-    with mp.workdps(15):
-        low = max(c[0] - r for c, r in zip(centres, radii, strict=True))
-        high = min(c[0] + r for c, r in zip(centres, radii, strict=True))
-        (ax, ay), (bx, by) = centres
-        apart = mp.hypot(bx - ax, by - ay)
-        assert abs(by - ay) < 1e-9  # the microlens lies on the x axis
-        cross = ax + (apart**2 + radii[0] ** 2 - radii[1] ** 2) / (2 * apart**2) * (bx - ax)
-
-        def column(a):
-            half = [mp.sqrt(max(r * r - (a - c[0]) ** 2, 0)) for c, r in zip(centres, radii, strict=True)]
-            top = min(c[1] + h for c, h in zip(centres, half, strict=True))
-            bottom = max(c[1] - h for c, h in zip(centres, half, strict=True))
-            inner = mp.quad(lambda b: line(mp.mpf(float(y[j])) - b), [bottom, top], maxdegree=4)
-            return inner * line(mp.mpf(float(x[i])) - a)
-
-        exact = mp.quad(column, sorted([low, cross, high]), maxdegree=4)
+    (left, right), (r, s) = sorted(job.discs[0][:, 0].tolist()), job.discs[1][np.argsort(job.discs[0][:, 0])]
+    assert np.ptp(job.discs[0][:, 1]) < 1e-9  # the microlens lies on the x axis
+    ends = right - s, (left + right + (r * r - s * s) / (right - left)) / 2, left + r
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    exact = 0.0
+    for end, cross in ((ends[0], ends[1]), (ends[2], ends[1])):  # columns grow from nought as a root does
+        a = end + (cross - end) * ((nodes + 1) / 2) ** 2
+        half = np.sqrt(np.minimum(r * r - (a - left) ** 2, s * s - (a - right) ** 2))
+        up = job.discs[0][0, 1] + half[:, None] * nodes
+        inner = half * (line(y[j] - up) @ weights)
+        exact += abs(cross - end) * ((nodes + 1) / 2 * inner * line(x[i] - a)) @ weights
     pixel = reference(job).reshape(y.size, x.size)[j, i]
     assert pixel > 0.1
-    assert abs(pixel - float(exact)) < 1e-11
+    assert abs(pixel - exact) < 1e-11
 
 
 @pytest.mark.parametrize("name", CUTS)
@@ -289,9 +283,9 @@ def test_outline_and_inside_are_huygens(name):
 
 
 def test_without_diffraction_it_is_the_shape():
-    """Waves ten times shorter than the finest: what is left is the ray image, but for a pixel's rim of w."""
-    eye = CUTS["cat's eye, N_F 24"].design
-    job = Job(CUT, eye.replace({"light.wavelength": eye.wavelength / 10}), CUTS["cat's eye, N_F 24"].axis)
+    """Waves ten times shorter: what is left is the ray image, but for a pixel's rim of w."""
+    eye = CUTS["cat's eye, N_F 4"].design
+    job = Job(CUT, eye.replace({"light.wavelength": eye.wavelength / 10}), CUTS["cat's eye, N_F 4"].axis)
     rays = method(CUT, "rays alone").compute(job, 0, 0)
     light = method(CUT, "arc integrals").compute(job, 24, 0)
     inside = rays == 1.0

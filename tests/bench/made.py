@@ -1,5 +1,9 @@
 """A small camera and captures rendered of it, as counts of 12 bits, that tests of the bench share."""
 
+import functools
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import tifffile
 from PIL import Image
@@ -55,6 +59,14 @@ def board_scene(folder, camera, pose, *, cells=(7, 6), cell=CELL):
 def rendered(camera, scene=None):
     """Light of each pixel, 1 where fully lit by white."""
     return np.asarray(render(camera, scene, overrides=RAYS, sampling=SAMPLING).pixels, float)
+
+
+@functools.cache
+def picture(pose=None):
+    """What `small` renders of a board, or of white; for all modules that look at it."""
+    with tempfile.TemporaryDirectory() as folder:
+        scene = None if pose is None else board_scene(Path(folder), small(), pose)
+        return render(small(), scene, overrides=RAYS, sampling=SAMPLING)
 
 
 def save(path, light, rng, gain=GAIN):

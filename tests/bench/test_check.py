@@ -15,7 +15,7 @@ from roslf_design.cli import main
 from roslf_design.commands.terminal import json_text
 from roslf_design.design import load
 from roslf_design.design import save as save_design
-from tests.bench.made import BOARD, CELL, POSES, board_scene, rendered, save, small
+from tests.bench.made import BOARD, CELL, POSES, board_scene, picture, rendered, save, small
 
 pytestmark = pytest.mark.usefixtures("found_once")
 SOUND = [f"board_{k:02d}.tif" for k in range(1, len(POSES) + 1)]
@@ -35,9 +35,9 @@ def made(tmp_path_factory):
     save_design(camera, place / "small.toml")
     assert main(["bench", str(place / "small.toml"), "-o", str(place / "bench"), "--board", BOARD]) == 0
     rng = np.random.default_rng(0)
-    white = rendered(camera)
+    white = np.asarray(picture().pixels, float)
     images = {"white": white, "dark": 0 * white}
-    images |= {k: rendered(camera, board_scene(place, camera, pose)) for k, pose in enumerate(POSES, 1)}
+    images |= {k: np.asarray(picture(pose).pixels, float) for k, pose in enumerate(POSES, 1)}
     images["cells"] = rendered(camera, board_scene(place, camera, POSES[0], cells=(6, 5)))
     images["size"] = rendered(camera, board_scene(place, camera, POSES[0], cell=0.82 * CELL))
     other = camera.replace(d_f=0.9 * camera.d_f)

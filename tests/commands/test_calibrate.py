@@ -21,7 +21,7 @@ from roslf_design.design import load, save
 from roslf_design.imaging.files import write_image
 from roslf_design.imaging.render import render
 from roslf_design.theory.length_covariance import LengthCovariance
-from tests.bench.made import BOARD, CELL, RAYS, SAMPLING, board_scene
+from tests.bench.made import BOARD, CELL, RAYS, SAMPLING, board_scene, picture
 from tests.bench.made import POSES as FOUR_POSES
 from tests.bench.made import small as small_camera
 from tests.depth.made import at_first_sight
@@ -55,11 +55,9 @@ def captured(small, tmp_path_factory):
     save(small, place / "small.toml")
     folder = place / "images"
     folder.mkdir()
-    white = render(small, overrides=RAYS, sampling=SAMPLING)
-    write_image(white, folder / "white.tif")
+    write_image(picture(), folder / "white.tif")
     for number, pose in enumerate(POSES, 1):
-        scene = board_scene(place, small, pose)
-        write_image(render(small, scene, overrides=RAYS, sampling=SAMPLING), folder / f"board{number}.tif")
+        write_image(picture(pose), folder / f"board{number}.tif")
     shutil.copy(folder / "white.tif", folder / "board6.tif")
     return place
 

@@ -18,6 +18,8 @@ FLAGS = (
     *("--disable-component-update", "--disable-sync", "--enable-unsafe-swiftshader"),
 )
 
+OFTEN = 30
+"""Between two looks at whether a page is ready [ms]: looking at every frame has the browser draw sixty a second."""
 LINK = encode(State.of(load("paper")), Look())
 
 
@@ -106,7 +108,7 @@ class Window:
             return self.open(address)
         self.page.set_viewport_size({"width": 1366, "height": 768})
         self.page.evaluate("link => new Promise(done => { location.hash = link; setTimeout(done, 50); })", LINK)
-        self.page.wait_for_function("!document.documentElement.dataset.busy")
+        self.page.wait_for_function("!document.documentElement.dataset.busy", polling=OFTEN)
         return self.page
 
     def check(self) -> None:

@@ -14,7 +14,7 @@ from roslf_design.explorer.forms import ToleranceRequest
 from roslf_design.explorer.state import BY_SYMBOL, FIELDS, read
 from roslf_design.explorer.tolerance_run import run_tolerance
 from roslf_design.theory.f_number import matched
-from tests.explorer.conftest import Explorer
+from tests.explorer.conftest import OFTEN, Explorer
 
 PAPER = load("paper")
 SYMBOLS = [field.symbol for field in FIELDS]
@@ -47,7 +47,7 @@ def picture(page, name="meridional"):
 
 def idle(page):
     """Wait until the server has answered everything and the page shows it."""
-    page.wait_for_function("!document.documentElement.dataset.busy")
+    page.wait_for_function("!document.documentElement.dataset.busy", polling=OFTEN)
     page.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 10)))")
 
 
@@ -116,7 +116,7 @@ def test_every_slider_changes_its_number_the_pictures_and_the_address(page):
         idle(page)
         assert value(page, symbol) > before, symbol
         assert picture(page, "microlens") + picture(page) != drawn, symbol
-        page.wait_for_function("(address) => location.href !== address", arg=address)
+        page.wait_for_function("(address) => location.href !== address", arg=address, polling=OFTEN)
 
 
 def test_a_slider_that_is_dragged_is_followed_and_is_one_step_back_and_forward(page):
@@ -227,7 +227,8 @@ def test_a_preset_is_loaded_and_taken_back_and_a_real_lens_is_traced_after_a_pau
     assert page.locator("[data-testid=form-optimise]").count() == 1
 
 
-def test_design_files_are_taken_and_wrong_ones_are_told(page, tmp_path):
+def test_design_files_are_taken_and_wrong_ones_are_told(same_page, tmp_path):
+    page = same_page
     good, bad = tmp_path / "own.toml", tmp_path / "bad.toml"
     good.write_text(dumps(PAPER.replace({"name": "Own <b>design</b>"})))
     bad.write_text('name = "x"\n[main_lens]\ndiametre = "3 mm"\n')
@@ -259,7 +260,9 @@ def test_a_verdict_tells_its_reason_and_what_to_change_does_what_it_says(same_pa
     preset(page, "mismatched-borescope")
     assert page.get_attribute("[data-testid=light-f_number_matched]", "data-level") == "fault"
     page.click("[data-testid=menu-fixes] summary")
-    page.wait_for_function("() => !(document.querySelector('.fixes .panel button')?.innerText ?? '…').includes('…')")
+    page.wait_for_function(
+        "() => !(document.querySelector('.fixes .panel button')?.innerText ?? '…').includes('…')", polling=OFTEN
+    )
     click(page, "[data-testid=fix-match-D_F]")
     assert page.get_attribute("[data-testid=light-f_number_matched]", "data-level") == "good"
     click(page, "undo")
@@ -367,7 +370,8 @@ def test_the_theme_is_the_systems_and_is_turned_and_kept(open_page):
     assert page.evaluate("document.documentElement.dataset.theme") == "light"
 
 
-def test_every_control_has_a_name_and_is_reached_by_the_keyboard(page):
+def test_every_control_has_a_name_and_is_reached_by_the_keyboard(same_page):
+    page = same_page
     nameless = page.evaluate(
         """() => [...document.querySelectorAll("button, input, select, summary, [tabindex]")]
         .filter((e) => e.checkVisibility() && !(e.getAttribute("aria-label") || e.textContent.trim()
@@ -446,7 +450,8 @@ def test_the_address_brings_everything_back_and_one_cut_off_is_told(page, open_p
     assert value(page, "D_F") == 3.25
 
 
-def test_two_tabs_do_not_disturb_each_other(page, open_page):
+def test_two_tabs_do_not_disturb_each_other(same_page, open_page):
+    page = same_page
     two = open_page()
     write(page, "D_F", "3.25 mm")
     preset(two, "rigid-scope")
@@ -462,7 +467,8 @@ def test_two_tabs_do_not_disturb_each_other(page, open_page):
     assert value(page, "D_F") == 3.5
 
 
-def test_the_instrument_is_drawn_in_3d_and_follows(page):
+def test_the_instrument_is_drawn_in_3d_and_follows(same_page):
+    page = same_page
     page.set_viewport_size({"width": 910, "height": 480})  # Drawn in software here, by the pixel.
     page.click("#tab-space")
     page.wait_for_selector("[data-picture=space] canvas")
@@ -518,7 +524,8 @@ def result(page, kind):
     return place
 
 
-def test_a_tolerance_run_goes_on_beside_other_work_and_tells_and_draws_its_yield(page, explorer):
+def test_a_tolerance_run_goes_on_beside_other_work_and_tells_and_draws_its_yield(same_page, explorer):
+    page = same_page
     start(page, "tolerance", trials="lots")
     assert "'lots' is not a whole number from 64 to 1000000" in page.inner_text("[data-testid=failed-tolerance]")
     start(page, "tolerance", trials=256, grade="commercial")
@@ -540,7 +547,8 @@ def test_a_tolerance_run_goes_on_beside_other_work_and_tells_and_draws_its_yield
     assert until(lambda: not explorer.runs())
 
 
-def test_a_run_ends_when_it_is_cancelled_and_with_its_tab(page, open_page, explorer):
+def test_a_run_ends_when_it_is_cancelled_and_with_its_tab(same_page, open_page, explorer):
+    page = same_page
     other = open_page()
     start(other, "tolerance", trials=1_000_000)
     assert len(explorer.runs()) == 1
@@ -548,7 +556,9 @@ def test_a_run_ends_when_it_is_cancelled_and_with_its_tab(page, open_page, explo
     assert until(lambda: not explorer.runs())
     start(page, "tolerance", trials=1_000_000)
     page.wait_for_function(
-        "() => /of 1,000,000 b/.test(document.querySelector('[data-testid=form-tolerance]').innerText)", timeout=LONG
+        "() => /of 1,000,000 b/.test(document.querySelector('[data-testid=form-tolerance]').innerText)",
+        polling=OFTEN,
+        timeout=LONG,
     )
     click(page, "cancel-tolerance")
     assert page.inner_text("[data-testid=failed-tolerance]") == "cancelled"
@@ -604,7 +614,8 @@ def test_an_optimum_within_bounds_that_follow_or_are_typed_is_found_taken_and_un
     assert "the lower one must be above zero" in form(page, "optimise").inner_text()
 
 
-def test_one_goal_is_set_against_another(page):
+def test_one_goal_is_set_against_another(same_page):
+    page = same_page
     tick(page, "optimise", "variables", "d_1")
     for name in ("matched", "undistorted"):
         form(page, "optimise").locator(f"[name={name}]").uncheck()
@@ -651,7 +662,7 @@ def test_a_window_and_a_liquid_are_put_before_the_camera_changed_and_taken_away(
     page.press("#n-material", "Enter")
     idle(page)
     # A link brings it back.
-    page.wait_for_function("location.hash.length > 10")
+    page.wait_for_function("location.hash.length > 10", polling=OFTEN)
     page.wait_for_timeout(400)
     address = page.url
     page.goto("about:blank")
