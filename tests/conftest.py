@@ -31,6 +31,7 @@ settings.register_profile(
 settings.register_profile("explore", deadline=None, max_examples=2000)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
+from roslf_design import _jit  # noqa: E402
 from roslf_design.bench import reference  # noqa: E402
 from roslf_design.calibration import corners, outcome, planning, raw  # noqa: E402
 from roslf_design.calibration.white_profile import ImageFit, WhiteFrame  # noqa: E402
@@ -39,7 +40,11 @@ from roslf_design.depth import measure  # noqa: E402
 from roslf_design.drawing.picture import Picture  # noqa: E402
 from roslf_design.imaging import transfer  # noqa: E402
 from tests.depth.made import fewer_rays  # noqa: E402
+from tests.reporting.made import views_as_refocused  # noqa: E402
 
+_jit.PATIENCE.set(
+    1.0
+)  # [s]; what many tests call is compiled soon, interpreted no longer than one command would have it
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -123,6 +128,12 @@ def real_pngs(blank_pngs):
 def few_rays(monkeypatch):
     """As `fewer_rays` says."""
     fewer_rays(monkeypatch)
+
+
+@pytest.fixture
+def without_views(monkeypatch):
+    """As `views_as_refocused` says: where of data sheets nobody looks at what single views resolve."""
+    views_as_refocused(monkeypatch)
 
 
 @pytest.fixture

@@ -5,10 +5,23 @@ import sys
 
 import numba
 import numpy as np
+import pytest
 from numba.core.caching import IndexDataCacheFile
 
 from roslf_design import cli
-from roslf_design._jit import COMPILE, THREADS, WIDE, Kernel, _alone, ahead, cold_seconds, compiling, kernel, prange
+from roslf_design._jit import (
+    COMPILE,
+    PATIENCE,
+    THREADS,
+    WIDE,
+    Kernel,
+    _alone,
+    ahead,
+    cold_seconds,
+    compiling,
+    kernel,
+    prange,
+)
 
 GAIN = 2.5
 
@@ -22,6 +35,13 @@ def scaled(x: float) -> float:
 def fill(values: np.ndarray, out: np.ndarray) -> None:
     for i in prange(values.size):
         out[i] = scaled(values[i]) + 1.0
+
+
+@pytest.fixture(autouse=True)
+def as_commands_have_it():
+    before = PATIENCE.set(COMPILE)
+    yield
+    PATIENCE.reset(before)
 
 
 def test_interpreted_and_compiled_agree():

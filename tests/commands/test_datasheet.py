@@ -1,6 +1,7 @@
 """`roslf datasheet` and `roslf sweep`, as a user types them."""
 
 import csv
+import functools
 import hashlib
 import json
 import re
@@ -635,7 +636,9 @@ def test_a_sweep_from_python():
     assert np.isfinite(found.values["sigma_z_mm"]).all()
 
 
-def test_what_is_of_another_design_or_signed_is_not_written_over(tmp_path, capsys, rough):
+def test_what_is_of_another_design_or_signed_is_not_written_over(tmp_path, capsys, rough, monkeypatch):
+    monkeypatch.setattr(story, "basis", functools.cache(basis))  # of each design once
+
     def again(design, name, *more):
         before = (tmp_path / name).read_bytes() if (tmp_path / name).exists() else b""
         code, _, err = run(capsys, "datasheet", design, "-o", tmp_path / name, *more)

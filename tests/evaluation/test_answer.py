@@ -131,7 +131,7 @@ def test_the_corner_s_light_is_the_scene_s_whatever_the_exit_pupil_and_remedies_
     assert "allows no smaller sensor; an objective" in held.corner_evened_by
 
 
-def test_a_corner_lighter_than_the_middle_is_told_with_where_its_light_comes_from():
+def test_a_corner_lighter_than_the_middle_is_told_with_where_its_light_comes_from(without_views):
     """Etendue: light is cos^4 times the scene's area over the array's, a microlens's share of what is drawn smaller."""
     bench = roslf.load("paper-singlet")
     result, (middle, edge, corner) = roslf.evaluate(bench), roslf.specification(bench).field
@@ -154,7 +154,7 @@ def test_distances_behind_the_tip_are_refused(at):
             function(PAPER, at=(at,))
 
 
-def test_a_lens_that_is_not_sharp_in_the_corner_is_told_by_the_data_sheet_s_figures():
+def test_a_lens_that_is_not_sharp_in_the_corner_is_told_by_the_data_sheet_s_figures(without_views):
     singlet = roslf.load("paper-singlet")
     result, sheet = roslf.evaluate(singlet), roslf.specification(singlet)
     rows = [row for row in sheet.resolution if (row.plane, row.image) == (FOCUS, "refocused")]

@@ -139,7 +139,7 @@ def test_verdict_of_the_field_is_that_of_the_microlenses_on_the_sensor(design):
     if not on_sensor.any():
         return
     least = float(np.ravel(images.clearance)[on_sensor].min())
-    field = roslf.evaluate(design, []).non_distortion
+    field = roslf.evaluate(design.replace({"depth.disparity_error": 0.1}), []).non_distortion  # depth is most of it
     step = 2 * max(x[1] - x[0], y[1] - y[0]) * float(camera.inverse_m) * design.d_3 / float(camera.gap)
     assert least - step <= field.room_at_corner_mm <= least + 1e-9
     shown = images.fields[on_sensor]

@@ -15,7 +15,7 @@ def alone(design, name):
     return float(roslf.quantity(name)(roslf.Camera.of(design)))
 
 
-def test_every_preset_has_the_numbers_that_it_has_alone():
+def test_every_preset_has_the_numbers_that_it_has_alone(without_views):
     table = roslf.evaluate_many(preset_names(), QUANTITIES)
     assert table.columns["design"].tolist() == list(preset_names())
     for row, preset in enumerate(preset_names()):
@@ -27,7 +27,7 @@ def test_every_preset_has_the_numbers_that_it_has_alone():
 
 
 @pytest.mark.parametrize("preset", ["paper", "cystoscope", "paper-singlet"])
-def test_designs_alike_and_unlike_in_any_order(preset):
+def test_designs_alike_and_unlike_in_any_order(preset, without_views):
     base = roslf.load(preset)
     designs = {f"{part:g}": base.replace(D_F=part * base.D_F) for part in (0.9, 1.0, 0.8)}
     designs["other"] = roslf.load("rigid-scope")

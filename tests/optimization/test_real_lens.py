@@ -108,7 +108,7 @@ def test_an_entrance_pupil_behind_the_lens_stands_in_no_one_s_way():
     assert own.kept_fraction[1] == 1
 
 
-def test_a_field_of_the_whole_camera_is_held_as_rays_tell_it():
+def test_a_field_of_the_whole_camera_is_held_as_rays_tell_it(without_views):
     """The nearest focal plane on which the traced field is wide enough, by bisection over data sheets."""
     design = SINGLET.replace({"sensor.distance": SINGLET.d_2, "main_lens.focal_plane": 350.0})
     limit = Constraint(quantity="field_half_width_mm", min=31.0)
@@ -117,7 +117,7 @@ def test_a_field_of_the_whole_camera_is_held_as_rays_tell_it():
     def room(plane):
         return roslf.specification(design.replace({"main_lens.focal_plane": plane})).object_field[1].width_mm / 2 - 31.0
 
-    known = brentq(room, 250, 450, xtol=1e-7)
+    known = brentq(room, 250, 450, xtol=1e-5)
     settings = Settings(starts=2, check=False)
     answer = solve_by_rays(problem, settings)
     assert answer.feasible

@@ -66,7 +66,7 @@ def few_builds(patch):
     patch.setattr(datasheet, "MANY", 64)
     patch.setattr(printers, "MOST_TRIED", 0)
     patch.setattr(story, "quick_study", without_depth)
-    patch.setattr(story, "_quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
+    patch.setattr(story, "_quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 200))
 
     def three(builds, own):
         return tuple((scale, Yield(builds.passed(scale), builds.trials)) for scale in (0.5, 1.0, 2.0))

@@ -17,6 +17,8 @@ from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
 from tests.commands.test_cli import run
 
+pytestmark = pytest.mark.usefixtures("without_views")
+
 mp.mp.dps = 30
 PAPER = roslf.load("paper")
 

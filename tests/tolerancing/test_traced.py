@@ -377,7 +377,7 @@ def test_a_study_has_at_nominal_what_evaluate_traces():
         )
 
 
-def test_angles_of_builds_are_those_of_each_traced_alone():
+def test_angles_of_builds_are_those_of_each_traced_alone(without_views):
     """To a twentieth of what the thin-lens model errs: so many times its own."""
     goals = [{"metric": "field_of_view_deg", "min": 1}, {"metric": "field_half_width_mm", "min": 1}]
     plan = plan_from({"name": "n", "design": "paper-singlet", "grade": "precision", "goals": goals})
@@ -470,7 +470,7 @@ def test_blur_through_a_window_is_that_of_the_traced_field():
     assert_allclose(blur, real_field(design, FIELDS).maps.blur / design.d, rtol=0.05)
 
 
-def test_a_yield_of_what_is_required_counts_what_rays_tell():
+def test_a_yield_of_what_is_required_counts_what_rays_tell(without_views):
     """Required between the thin-lens model's angle and the traced one: every build has it, none by the former."""
     design = load("paper-singlet")
     thin = float(QUANTITIES["field_of_view_deg"](Camera.of(design)))
