@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from .._jit import THREADS
 from ..calibration.decoding import LightField
 from .bends import window_bends
-from .occlusion import BESIDE_STEP, SIZES, Limits, beside_steps, past_edges
+from .occlusion import BESIDE_STEP, SETTLED, SIZES, Limits, beside_steps, past_edges
+from .sides import Parted, parted
 from .warping import (
     SUMS,
     add_pulls,
@@ -307,6 +308,7 @@ def estimate_disparity(
         pixels a quarter, the first of them four by four. With 0 there is only a search, and what lies outside by it.
     edges : bool
         Whether windows at odds are looked at once more for what smaller windows, and quarters of the views, have there.
+        Else windows about a step are parted, each of one side alone, where the noise is not told by views themselves.
     begun : Start, optional
         Of an estimate of the same views with the same search: it is not made again, and of the same light field views
         are not prepared again.
@@ -363,13 +365,33 @@ def estimate_disparity(
     pooled = None
     if pulled is not None:
         judged, pooled = _with_errors_of_views(judged, pulled, fit)
-    if not edges:
+    if not edges and noise.measured:
         return judged
+    if not edges:
+        step = parted(look, fit, window, judged.error, lambda along: every.look([(whole, along)], picture))
+        return judged if step is None else _by_sides(judged, step, largest_sigma, largest_chi2)
     progress(2 / 3)
     wanted = (judged.status == DisparityStatus.INCONSISTENT) | (judged.status == DisparityStatus.OUT_OF_RANGE)
     wanted |= (judged.status == DisparityStatus.AMBIGUOUS) & (fit.misfit(largest_chi2) > 1)
     level = noise_by_texture(fit.chi2, look.picture, window) if noise.measured else np.ones(views.shape)
     return _with_edges(judged, wanted, look, first, Limits(largest_sigma, pooled, level))
+
+
+def _by_sides(judged: DisparityMap, step: Parted, largest_sigma: float, largest_chi2: float) -> DisparityMap:
+    """Disparities with those of windows of one side, about depth steps."""
+    fit, known = step.fit, (DisparityStatus.MEASURED, DisparityStatus.INCONSISTENT)
+    about = step.about & np.isin(judged.status, known)
+    told = about & (fit.sigma <= largest_sigma) & ~step.unsure & (fit.misfit(largest_chi2) <= 1)
+    told &= np.abs(step.change) <= np.maximum(0.5 * fit.sigma, SETTLED)
+    lost = about & step.beside & ~told
+    sigma = np.where(told, fit.sigma * fit.widened(None), judged.sigma)
+    return replace(
+        judged,
+        disparity=np.where(told, fit.disparity, np.where(lost, np.nan, judged.disparity)),
+        sigma=np.where(lost, np.inf, np.where(about, np.hypot(sigma, step.leak), sigma)),
+        status=np.where(told, np.int8(known[0]), np.where(lost, np.int8(known[1]), judged.status)),
+        chi2=np.where(told, np.maximum(fit.chi2, fit.strain), judged.chi2),
+    )
 
 
 def _with_edges(judged: DisparityMap, wanted: Flags, look: SharedLight, start: Start, limits: Limits) -> DisparityMap:

@@ -119,7 +119,7 @@ def _take_best(
 
 
 @kernel(parallel=True)
-def _sides(disparity: Array, wanted: Flags, reach: int, sides: Array) -> None:
+def _sides(disparity: Array, wanted: Flags, reach: int, two: float, sides: Array) -> None:
     """Disparities of the farther and the nearer surface about some microlenses, by the known ones within `reach`."""
     rows, columns = disparity.shape
     # Every other one tells enough, of four together.
@@ -145,8 +145,20 @@ def _sides(disparity: Array, wanted: Flags, reach: int, sides: Array) -> None:
                         weight = 1.0 / (away * away)
                         sums[side, 0] += weight
                         sums[side, 1] += weight * disparity[b, a]
-            for side in range(2 if most > least + _TWO else 1):
+            for side in range(2 if most > least + two else 1):
                 sides[side, v : v + 2, u : u + 2] = sums[side, 1] / max(sums[side, 0], 1e-30)
+
+
+def sides_about(disparity: Array, wanted: Flags, reach: int = _BESIDE, two: float = _TWO) -> Array:
+    """Disparities of the farther and the nearer surface about some microlenses, shape (2, v, u), by the known ones.
+
+    Known ones within `reach` tell them; they are two where these differ by more than `two`, else one, the first. Not
+    numbers where nothing is wanted or known.
+    """
+    sides = np.full((2, *wanted.shape), np.nan)
+    with THREADS:
+        _sides.compiled(disparity, wanted, reach, two, sides)
+    return sides
 
 
 def settle(look: SharedLight, window: int, number: int, before: Array, least: Array, chosen: Array) -> None:
@@ -239,9 +251,7 @@ def past_edges(
         if not wanted.any():
             break
         near, known = ndimage.binary_dilation(wanted, iterations=4), np.isfinite(found.sigma)
-        sides = np.full((2, *wanted.shape), np.nan)
-        with THREADS:
-            _sides.compiled(np.where(known, found.disparity, disparity), near, _BESIDE, sides)
+        sides = sides_about(np.where(known, found.disparity, disparity), near)
         least, chosen = np.full(wanted.shape, 1e30), np.full((len(quarters), *wanted.shape), np.nan)
         wide = ndimage.binary_opening(wanted, np.ones((SIZES[0], SIZES[0]), np.bool_)) & last
         about = ndimage.binary_dilation(wide, iterations=4)

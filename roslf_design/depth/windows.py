@@ -105,14 +105,15 @@ class WindowFit:
     under: Array
 
     @classmethod
-    def of(cls, look: SharedLight, window: int, alone: Flags | None = None) -> WindowFit:
+    def of(cls, look: SharedLight, window: int, alone: Flags | None = None, counted: Flags | None = None) -> WindowFit:
         """Least squares over windows of what each microlens says of the disparity about which it was linearised.
 
-        `alone`: of the windows about these microlenses, whatever is known beside them.
+        `alone`: of the windows about these microlenses, whatever is known beside them. `counted`: by these alone.
         """
-        near, reach = (box(look.terms, window), 0) if alone is None else (look.terms, window // 2)
+        terms = look.terms if counted is None else look.terms * counted
+        near, reach = (box(terms, window), 0) if alone is None else (terms, window // 2)
         some = np.ones(near.shape[1:], np.bool_) if alone is None else alone
-        wide = box(look.terms, 3 * window) if alone is None else near[:0]
+        wide = box(terms, 3 * window) if alone is None else near[:0]
         fit = np.zeros((UNDER + 1, *near.shape[1:]))
         with THREADS:
             _fit_windows.compiled(near, reach, wide, look.disparity, some, QUORUM * window**2, look.density, fit)
