@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +28,7 @@ from .warping import (
     spline_coefficients,
     spread_of_zones,
 )  # fmt: skip
-from .windows import QUORUM, SharedLight, WindowFit, box, chance, noise_by_texture
+from .windows import QUORUM, SharedLight, WindowFit, box, chance, noise_by_texture, roughness
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -412,7 +412,7 @@ def _with_edges(judged: DisparityMap, wanted: Flags, look: SharedLight, start: S
             every if each else replace(every, views=views.some(some)), least, most, SIZES[0], coarse, near,
             groups.some(some[few]) if each and groups is not None else None,
         ).disparity,
-        every.look, limits,
+        partial(every.look, rough=roughness(look.picture)), limits,
     )  # fmt: skip
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
     disparity = np.where(new, found.disparity, judged.disparity)
@@ -437,13 +437,15 @@ class _AllViews:
     """Light field that they are of."""
 
     def look(
-        self, parts: Sequence[tuple[Flags, Array]], picture: Array, robust: bool = True, kept: SharedLight | None = None
-    ) -> SharedLight:
+        self, parts: Sequence[tuple[Flags, Array]], picture: Array, robust: bool = True,
+        kept: SharedLight | None = None, rough: Pictures | None = None,
+    ) -> SharedLight:  # fmt: skip
         """Sums and picture of some of the views along a disparity, or of several such parts, at places of their own.
 
         `picture` is what they are expected to show. Where no disparity is a number nothing is compared, and where it is
-        nearly that of another look at the same views, `kept`, its sums stay.
+        nearly that of another look at the same views, `kept`, its sums stay. `rough` is the picture's, if at hand.
         """
+        rough = roughness(picture) if rough is None else rough
         views = self.views
         apart = self.noise.measured and all(some.all() for some, _ in parts)
         sums: NDArray[Any] = np.zeros((SUMS, *views.shape), np.float32) if kept is None else kept.sums.copy()
@@ -453,13 +455,14 @@ class _AllViews:
         for some, disparity in parts:
             if kept is not None:
                 disparity = np.where(np.abs(disparity - kept.disparity) <= _SAME, np.nan, disparity)
-            self._sum(np.flatnonzero(some), disparity, picture, robust, sums, each)
+            self._sum(np.flatnonzero(some), disparity, picture, rough, robust, sums, each)
             np.copyto(where, disparity, where=~np.isnan(disparity))
         return SharedLight(sums, np.where(sums[11] > 0, sums[0], picture), where, views.steps, views.density, each)
 
     def _sum(
-        self, chosen: NDArray[np.int64], disparity: Array, picture: Array, robust: bool, sums: Array, each: Pictures
-    ) -> None:
+        self, chosen: NDArray[np.int64], disparity: Array, picture: Array, rough: Pictures, robust: bool, sums: Array,
+        each: Pictures,
+    ) -> None:  # fmt: skip
         """Sums of chosen views along a disparity, as `common` makes them."""
         from scipy import ndimage
 
@@ -467,8 +470,6 @@ class _AllViews:
         finite = math.isfinite(noise.saturation)
         peak = ndimage.maximum_filter(picture, 5) if finite else picture
         splines, cells = views.splines
-        bent = [ndimage.correlate1d(picture, [1, -2, 1], axis) for axis in (1, 0)]
-        rough = np.stack([ndimage.uniform_filter(part**2, 9) for part in bent]).astype(np.float32)
         even, slot = not finite and not any(cells.strides), np.full(len(views.grid), -1)
         if len(each):
             slot[self.apart] = np.arange(len(each))

@@ -53,10 +53,14 @@ _BEYOND = 16
 """Samples that a view is continued beyond its sides before it is made a spline: 0.65^16 of an error comes back."""
 _VECTOR = 16
 """Samples that the widest vectors hold."""
+_RUN = 4
+"""Samples in a row from which vectors along rows pay."""
 _LINES = 32
 """Lines that are made splines together, a multiple of `_VECTOR`."""
 _TILE = 16
 """Rows that are worked out one after the other, by one thread."""
+_TOGETHER = 512
+"""Places that are worked out together at most: calls are dear of fewer, and more do not lie in the nearer caches."""
 _OUTSIDE = -9
 """Sample before a place that lies outside."""
 _SAME_PLACE = 1e-5
@@ -171,7 +175,7 @@ def spline_coefficients(views: Samples) -> Samples:
     return out
 
 
-@kernel()
+@kernel(apart=True)
 def _taps(part: Samples, taps: Samples) -> None:
     """B-spline of degree 7 at the eight samples about places `part` of a step after the fourth, times 5040: (8, place).
 
@@ -451,13 +455,13 @@ def _row(
 def _interpolate(
     spline: Samples, left: Whole, above: Whole, ends: Whole, stops: Whole, across: Samples, down: Samples, out: Samples
 ) -> None:
-    """A view at places beyond samples (left, above), wherever these are inside, by taps across and down."""
+    """A view at places beyond samples (left, above), in runs of them inside that are long, by taps across and down."""
     end = 0
     while end < out.size:
         # Those that read neighbours are done in one go, which the compiler makes vectors of.
         u, end = end, min(ends[end], stops[end])
         v, start = above[u], left[u]
-        if v < 0 or start < 0:
+        if v < 0 or start < 0 or end - u < _RUN:
             continue
         # Whole vectors, if half of the first is needed: what lies beyond its run is written over by the next.
         count = (end - u + _VECTOR - 1) // _VECTOR * _VECTOR if 2 * (end - u) >= _VECTOR else end - u
@@ -478,7 +482,37 @@ def _interpolate(
             )  # fmt: skip
 
 
-@kernel()
+@kernel(apart=True)
+def _interpolate_each(
+    spline: Samples, left: Whole, above: Whole, ends: Whole, stops: Whole, across: Samples, down: Samples,
+    column: Samples, out: Samples,
+) -> None:  # fmt: skip
+    """As `_interpolate`, in runs that are short: of each place vectors of the samples along a row."""
+    end = 0
+    while end < out.size:
+        u, end = end, min(ends[end], stops[end])
+        for i in range(u, end if above[u] >= 0 and left[u] >= 0 and end - u < _RUN else u):
+            v, wide = above[i], slice(left[i], left[i] + TAPS)
+            first, second, third, fourth = (
+                spline[v, wide],
+                spline[v + 1, wide],
+                spline[v + 2, wide],
+                spline[v + 3, wide],
+            )
+            fifth, sixth, seventh = spline[v + 4, wide], spline[v + 5, wide], spline[v + 6, wide]
+            last, a, b, c, d = spline[v + 7, wide], down[0, i], down[1, i], down[2, i], down[3, i]
+            e, f, g, h = down[4, i], down[5, i], down[6, i], down[7, i]
+            for j in range(column.size):  # a number here would be unrolled, not made vectors of
+                column[j] = (
+                    a * first[j] + b * second[j] + c * third[j] + d * fourth[j]
+                    + e * fifth[j] + f * sixth[j] + g * seventh[j] + h * last[j]
+                )  # fmt: skip
+            total = across[0, i] * column[0] + across[1, i] * column[1] + across[2, i] * column[2]
+            total += across[3, i] * column[3] + across[4, i] * column[4] + across[5, i] * column[5]
+            out[i] = total + across[6, i] * column[6] + across[7, i] * column[7]
+
+
+@kernel(apart=True)
 def _place(disparity: Samples, slope: float32, aside: float32, at: Whole, size: int, first: Whole, f: Samples) -> None:
     """First of two neighbours of `size` samples about each place that lies so far from `at`, or `_OUTSIDE`, and f."""
     one, zero = float32(1), float32(0)
@@ -493,7 +527,7 @@ def _place(disparity: Samples, slope: float32, aside: float32, at: Whole, size: 
         first[i] = a if 0 <= a <= size - 2 else _OUTSIDE
 
 
-@kernel()
+@kernel(apart=True)
 def _prepare(
     first: Whole, ahead: int, f: Samples, size: int, ends: Whole, taps: Samples, lit: Samples, kept: Samples,
     unseen: Samples,
@@ -502,22 +536,29 @@ def _prepare(
 
     `unseen`: variance by what lies beyond `size` samples, over the mean square of second differences.
     """
-    one, four, loss = float32(1), float32(4), float32(_SPLINE_LOSS)
-    count = f.size
-    ends[count - 1] = count
-    for i in range(count - 2, -1, -1):
-        ends[i] = ends[i + 1] if first[i + 1] - first[i] == ahead else i + 1
+    one, four, loss, count, some = float32(1), float32(4), float32(_SPLINE_LOSS), f.size, 0
+    for i in range(count):
+        unseen[i] = float32(0)
+        if first[i] < _CELLS or first[i] > size - 2 - _CELLS:
+            ends[some] = i  # few, of which powers are dear
+            some += 1
+    for j in range(some):
+        i = ends[j]
+        before = min(first[i], size - 2 - first[i])
+        if 0 <= before < _CELLS:
+            lost, beyond = four * f[i] * (one - f[i]), f[i] if before == first[i] else one - f[i]
+            unseen[i] = float32(_UNSEEN) * lost * lost * float32(_FADES) ** (float32(before) + beyond)
+    end = count
+    for i in range(count - 1, -1, -1):
+        if i < count - 1 and first[i + 1] - first[i] != ahead:
+            end = i + 1
+        ends[i] = end
     _taps(f, taps)
     for i in range(count):
         lit[i] = one if first[i] >= 0 else float32(0)
     for i in range(count):
         lost = four * f[i] * (one - f[i])
         kept[i] = one - loss * lost * lost
-    for i in range(count):
-        before, unseen[i] = min(first[i], size - 2 - first[i]), float32(0)
-        if 0 <= before < _CELLS:
-            lost, beyond = four * f[i] * (one - f[i]), f[i] if before == first[i] else one - f[i]
-            unseen[i] = float32(_UNSEEN) * lost * lost * float32(_FADES) ** (float32(before) + beyond)
 
 
 @kernel(apart=True)
@@ -588,13 +629,13 @@ def _add_moments(
 
 @kernel()
 def _place_each(
-    k: int, v: int, at: Whole, disparity: Floats, pupil: Floats, aside: Floats, steps: tuple[float, float], left: Whole,
-    above: Whole, f: Samples, g: Samples, pupils: Samples,
+    k: int, own: Whole, at: Whole, disparity: Floats, pupil: Floats, aside: Floats, steps: tuple[float, float],
+    left: Whole, above: Whole, f: Samples, g: Samples, pupils: Samples,
 ) -> None:  # fmt: skip
     """As `_place`, along both axes, of a view whose samples look each from a place of its own, and these places."""
     rows, columns = disparity.shape
     for i in range(at.size):
-        u = at[i]
+        u, v = at[i], own[i]
         left[i], above[i] = _OUTSIDE, _OUTSIDE
         along, over = pupil[0, k, v, u], pupil[1, k, v, u]
         x = u + (disparity[v, u] * along + aside[0, k, v, u]) / steps[0]
@@ -615,7 +656,7 @@ def _place_each(
         pupils[0, i], pupils[1, i] = along, over
 
 
-@kernel()
+@kernel(apart=True)
 def _centre(expected: Samples, sums: Samples) -> None:
     """Make moments those about the mean, in the order of `SUMS`; `sums` begins with them."""
     one, zero = float32(1), float32(0)
@@ -659,6 +700,19 @@ def _lines(pupil: Floats, aside: Floats, chosen: Whole, still: bool) -> tuple[Wh
     return line, one, count
 
 
+@kernel()
+def _places(disparity: Floats, first: int, end: int) -> tuple[Whole, int]:
+    """Columns and rows of the places of some rows at which disparity is a number, and their count."""
+    columns = disparity.shape[1]
+    places, total = np.zeros((2, (end - first) * columns), np.int64), 0
+    for v in range(first, end):
+        for u in range(columns):
+            if not math.isnan(disparity[v, u]):
+                places[0, total], places[1, total] = u, v
+                total += 1
+    return places, total
+
+
 @kernel(parallel=True)
 def common(
     splines: Samples, cells: Samples, pupil: Floats, aside: Floats, still: bool, even: bool, chosen: Whole,
@@ -679,36 +733,32 @@ def common(
     line, example, lines = _lines(pupil, aside, chosen, still)
     most = lines.max()
     for tile in prange((rows + _TILE - 1) // _TILE):
-        # Room for a row, had once for many of them: new pages are slow to come by.
-        places, room = np.zeros((2, columns), np.int64), np.zeros((8, columns), float32)
-        sums, pupils = np.zeros((SUMS, columns), float32), np.ones((2, columns), float32)
-        first, ends = np.zeros((2, most, columns), np.int64), np.zeros((2, most, columns), np.int64)
-        taps, parts = np.zeros((2, most, TAPS, columns), float32), np.zeros((2, most, columns), float32)
-        inside, kept = np.zeros((2, most, columns), float32), np.zeros((2, most, columns), float32)
-        unseen, bent = np.zeros((2, most, columns), float32), np.zeros((2, columns), float32)
-        for v in range(tile * _TILE, min(tile * _TILE + _TILE, rows)):
-            every, some = places[0], 0
-            for u in range(columns):
-                if not math.isnan(disparity[v, u]):
-                    every[some] = u
-                    some += 1
-            if some == 0:
-                continue
-            at, own = places[0, :some], places[1, :some]
+        places, total = _places(disparity, tile * _TILE, min(tile * _TILE + _TILE, rows))
+        # Room for some places, had once for many of them: new pages are slow to come by.
+        size = min(_TOGETHER, total)
+        room, sums, pupils = np.zeros((8, size), float32), np.zeros((SUMS, size), float32), np.ones((2, size), float32)
+        column = np.zeros(TAPS, float32)
+        first, ends = np.zeros((2, most, size), np.int64), np.zeros((2, most, size), np.int64)
+        taps, parts = np.zeros((2, most, TAPS, size), float32), np.zeros((2, most, size), float32)
+        inside, kept = np.zeros((2, most, size), float32), np.zeros((2, most, size), float32)
+        unseen, bent = np.zeros((2, most, size), float32), np.zeros((2, size), float32)
+        for start in range(0, total, _TOGETHER):
+            some = min(_TOGETHER, total - start)
+            at, own = places[0, start : start + some], places[1, start : start + some]
             light, whole, root, lit = room[0, :some], room[1, :some], room[2, :some], room[3, :some]
             expected, moves, weight, value = room[4, :some], room[5, :some], room[6, :some], room[7, :some]
-            sums[:], own[:] = zero, v
+            sums[:] = zero
             for i in range(some):
-                expected[i], moves[i] = picture[v, at[i]], disparity[v, at[i]]
-                bent[0, i], bent[1, i] = rough[0, v, at[i]], rough[1, v, at[i]]
+                expected[i], moves[i] = picture[own[i], at[i]], disparity[own[i], at[i]]
+                bent[0, i], bent[1, i] = rough[0, own[i], at[i]], rough[1, own[i], at[i]]
             for axis in range(2 if still else 0):
                 for n in range(lines[axis]):
-                    k, begin, size = example[axis, n], at if axis == 0 else own, columns if axis == 0 else rows
-                    slope, off = pupil[axis, k, v, 0] / steps[axis], aside[axis, k, v, 0] / steps[axis]
+                    k, begin, end = example[axis, n], at if axis == 0 else own, columns if axis == 0 else rows
+                    slope, off = pupil[axis, k, 0, 0] / steps[axis], aside[axis, k, 0, 0] / steps[axis]
                     f = parts[axis, n, :some]
-                    _place(moves, float32(slope), float32(off), begin, size, first[axis, n], f)
+                    _place(moves, float32(slope), float32(off), begin, end, first[axis, n], f)
                     _prepare(
-                        first[axis, n], 1 - axis, f, size, ends[axis, n], taps[axis, n], inside[axis, n], kept[axis, n],
+                        first[axis, n], 1 - axis, f, end, ends[axis, n], taps[axis, n], inside[axis, n], kept[axis, n],
                         unseen[axis, n],
                     )  # fmt: skip
             if even:
@@ -718,9 +768,9 @@ def common(
                 g, h = line[0, k], line[1, k]
                 left, above, f, over = first[0, g], first[1, h], parts[0, g], parts[1, h]
                 if still:
-                    pupils[0], pupils[1] = pupil[0, k, v, 0], pupil[1, k, v, 0]
+                    pupils[0], pupils[1] = pupil[0, k, 0, 0], pupil[1, k, 0, 0]
                 else:
-                    _place_each(k, v, at, disparity, pupil, aside, steps, left, above, f, over, pupils)
+                    _place_each(k, own, at, disparity, pupil, aside, steps, left, above, f, over, pupils)
                     for axis in range(2):
                         _prepare(
                             first[axis, 0], 1 - axis, parts[axis, 0, :some], rows if axis else columns, ends[axis, 0],
@@ -731,22 +781,25 @@ def common(
                 if not even:
                     for i in range(some):
                         charge = cells[k, above[i], left[i]] * float32(electrons) if lit[i] > zero else zero
-                        light[i] = charge if charge * peak[v, at[i]] < brightest else zero
+                        light[i] = charge if charge * peak[own[i], at[i]] < brightest else zero
                         lit[i] = one if light[i] > zero else zero
                     _inform(light, expected, float32(read * read), whole, root)
                 _doubt(unseen[0, g], bent[0], unseen[1, h], bent[1], float32(chosen.size), whole, lit)
                 _interpolate(splines[k], left, above, ends[0, g], ends[1, h], taps[0, g], taps[1, h], value)
+                _interpolate_each(
+                    splines[k], left, above, ends[0, g], ends[1, h], taps[0, g], taps[1, h], column, value
+                )
                 _weigh(lit, expected, whole, root, float32(robust), value, weight)
                 if slot[k] >= 0:
-                    shown, weights = each[slot[k], 0, v], each[slot[k], 1, v]
+                    shown, weights = each[slot[k], 0], each[slot[k], 1]
                     for i in range(some):
-                        shown[at[i]], weights[at[i]] = value[i] + expected[i], weight[i]
+                        shown[own[i], at[i]], weights[own[i], at[i]] = value[i] + expected[i], weight[i]
                 _add_moments(lit, weight, pupils[0], pupils[1], value, kept[0, g], kept[1, h], sums)
             _centre(expected, sums)
             for a in range(out.shape[0]):
-                here, there = out[a, v], sums[a]
+                here, there = out[a], sums[a]
                 for i in range(some):
-                    here[at[i]] = there[i]
+                    here[own[i], at[i]] = there[i]
 
 
 @kernel(parallel=True)

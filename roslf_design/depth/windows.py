@@ -335,6 +335,14 @@ def box(values: NDArray[Any], window: int) -> NDArray[Any]:
     return out
 
 
+def roughness(picture: Array) -> NDArray[np.float32]:
+    """Mean squares of a picture's second differences about each place, along u and v."""
+    from scipy import ndimage
+
+    bent = [ndimage.correlate1d(picture, [1, -2, 1], axis) for axis in (1, 0)]
+    return np.stack([ndimage.uniform_filter(part**2, 9) for part in bent]).astype(np.float32)
+
+
 def gradient(picture: Array, lit: Flags, steps: tuple[float, float]) -> tuple[Array, Array, Flags]:
     """Slopes of a picture's quintic spline [per pitch] along u and v, and where the neighbour on each side is lit."""
     from scipy import ndimage
