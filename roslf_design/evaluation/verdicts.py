@@ -325,8 +325,9 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
         text = f"{CUT_IN_IT}: {bound}{where}; {sees}"
         return Verdict.of("field_undistorted", text, f"{turned}{by_thin or ways}")
     if by_thin:
+        on_array = f" ({thin.x_ml_max_mm:.4g} mm on the MLA)" if thin.cut_beyond_mm == thin.x0_max_mm else ""
         text = (
-            f"{CUT_IN_IT}: cat's eyes beyond {thin.cut_beyond_mm:.4g} mm object radius, cut by "
+            f"{CUT_IN_IT}: cat's eyes beyond {thin.cut_beyond_mm:.4g} mm object radius{on_array}, cut by "
             f"{the(thin.limited_by)}; {sees}"
         )
         return Verdict.of("field_undistorted", text, by_thin)
