@@ -162,9 +162,9 @@ def test_the_undistorted_field_and_the_room_against_rays_of_the_pencils_rim(angl
     bound = roslf.evaluate(design).non_distortion
     real, turn = Folded(design), np.linspace(0, 2 * math.pi, 361)
 
-    def farthest(radius):
+    def farthest(radius, towards=turn):
         """Of rays from the focal plane through the FAP's rim, from the middle of the mirror."""
-        ways = np.stack(np.meshgrid(turn, turn), -1).reshape(-1, 2)
+        ways = np.stack(np.meshgrid(towards, turn), -1).reshape(-1, 2)
         point = radius * np.stack([np.cos(ways[:, 0]), np.sin(ways[:, 0])], -1)
         pupil = design.D_F / 2 * np.stack([np.cos(ways[:, 1]), np.sin(ways[:, 1])], -1)
         slope = (pupil - point) / (design.d_f - design.aperture.distance)
@@ -176,8 +176,9 @@ def test_the_undistorted_field_and_the_room_against_rays_of_the_pencils_rim(angl
 
     assert bound.limited_by == "mirror 1"
     assert_allclose(farthest(bound.x0_max_mm), diameter / 2, rtol=0, atol=1e-3)
-    corner = bound.field_half_diagonal_mm
-    assert_allclose(bound.room_at_corner_mm, diameter / 2 - farthest(corner), rtol=0, atol=1e-3)
+    x, y = sensor_field(Camera.of(design)).corners.T
+    rooms = diameter / 2 - farthest(bound.field_half_diagonal_mm, np.arctan2(y, x))
+    assert_allclose(bound.room_at_corner_mm, rooms, rtol=0, atol=1e-3)
 
 
 def chief_ray(design, microlens):
