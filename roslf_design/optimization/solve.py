@@ -53,6 +53,8 @@ TOUCHING = 1e-6
 MOST_SETTLING, SETTLED = 8, 1e-4
 """Searches after which numbers that rays tell are taken as they are, and how little they move before that, relative: in
 an answer by no more than `FEASIBLE`."""
+HALVED = 3
+"""Halvings of the way to where limits do not hold as rays tell them."""
 AROUND = 10
 """Evaluations for each variable, at most, of a search between points where rays told."""
 DRIFT = 1e-6
@@ -190,7 +192,8 @@ class Answer:
     @property
     def equals(self) -> tuple[Search, ...]:
         """Searches that ended at the answer, or equally good."""
-        return tuple(s for s in self.searches if s.feasible and abs(s.merit - self.merit) <= self.settings.agree)
+        agree = max(self.settings.agree, SETTLED if self.problem.told_at else 0.0)
+        return tuple(s for s in self.searches if s.feasible and abs(s.merit - self.merit) <= agree)
 
     @property
     def reached(self) -> int:
@@ -392,7 +395,7 @@ def settled(
     """A search that ends where rays tell what it took them to tell, but for so little, and the problem that it solves.
 
     It begins anew until then, at most `MOST_SETTLING` times: from its end or, where limits do not hold there as rays
-    tell them, where it began. Beside it how far they were apart in the end.
+    tell them, on the way there. Beside it how far they were apart in the end.
     """
     problem, _ = problem.told_by_rays(np.clip(unit, 0.0, 1.0))
     for done in range(MOST_SETTLING):
@@ -401,9 +404,22 @@ def settled(
         problem, moved = problem.told_by_rays(end.unit)
         if moved <= within:
             return problem, end, moved
-        unit = end.unit if judged(problem, end).feasible or not end.feasible else unit
+        if end.feasible and not judged(problem, end).feasible:
+            problem, unit = _nearest_held(problem, unit, end)
+        else:
+            unit = end.unit
     own = judged(problem, end)
     return problem, end if own.violation <= DRIFT else own, moved
+
+
+def _nearest_held(problem: DesignProblem, unit: Array, missed: Search) -> tuple[DesignProblem, Array]:
+    """Point on the way to where a search ended at which limits still hold as rays tell them; halved some times."""
+    out = missed.unit
+    for _ in range(HALVED):
+        middle = (unit + out) / 2
+        problem, _ = problem.told_by_rays(middle)
+        unit, out = (middle, out) if judged(problem, replace(missed, unit=middle)).feasible else (unit, middle)
+    return problem, unit
 
 
 def _first(problem: DesignProblem) -> Array:
@@ -446,7 +462,7 @@ def _solve(
             best = other
     gained, conflict = 0.0, None
     if best.feasible:
-        polished = searched(problem, best.unit, budget, settings.evaluations, problem.finest)
+        polished = searched(problem, best.unit, budget, evaluations, problem.finest)
         if polished.feasible and polished.merit < best.merit:
             gained, best = best.merit - polished.merit, polished
     else:
