@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
@@ -157,7 +158,7 @@ def field_figure(curves: dict[str, _LensCurves]) -> Figure:
 def image_figure(cases: dict[str, Design]) -> Figure:
     """Microlens images at centre, edge and corner, each beside its thin-lens model."""
     with drawing():
-        figure = Figure(figsize=(9.6, 6.3), layout="constrained")
+        figure = Figure(figsize=(9.6, 6.3), layout=ConstrainedLayoutEngine(rect=(0, 0, 1, 0.98)))
         panels = figure.subplots(3, len(cases), sharex=True, sharey=True)
         for column, (label, design) in enumerate(cases.items()):
             for row, place in enumerate(default_fields(design)):
