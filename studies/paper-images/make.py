@@ -44,6 +44,7 @@ def microlens_images(paper: Design) -> Figure:
             axes = panels[row, column]
             shown = axes.imshow(image, extent=(4540, 4600, 1510, 1570), origin="lower", cmap="gray", vmin=0, vmax=1.05)
             axes.set_title(f"{title}\n{name}", fontsize=10)
+            axes.set_xticks([4540, 4560, 4580])  # a fourth would run into the next panel's first
             if row:
                 axes.set_xlabel("column [px]")
             if not column:
