@@ -369,7 +369,7 @@ def test_bought_arrays_out_of_focus_are_named_with_the_constraint_that_keeps_the
     }
     assert blurred
     assert all((f"{name} by {blurred.get(name, 0.0):.3g} px" in words) == (name in blurred) for name in cameras)
-    assert "The best above has none of them: the microlens array as in the base design" in words
+    assert "The best above chooses none: it has the microlens array of the base design" in words
     most = float(re.search(r'quantity = "microlens_defocus_px", max = ([0-9.]+[0-9])', words)[1])
     held = text + f'[[constraints]]\nquantity = "microlens_defocus_px"\nmax = {most}\n'
     code, out, _ = run(capsys, "optimize", study(tmp_path, held, "held.toml"), "-o", tmp_path / "held")

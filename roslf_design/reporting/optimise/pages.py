@@ -163,7 +163,7 @@ def _statements(result: Result) -> Iterator[Statement]:
             text += f" Best of them: {parts} with {_reached(result, 'parts-01')}."
             if answer.feasible:
                 kinds = listed([f"the {kind}" for kind in _kinds(ranking)])
-                text += f" The best above has none of them: {kinds} as in the base design, or as the study varies them."
+                text += f" The best above chooses none: it has {kinds} of the base design, or as the study varies them."
         else:
             text += f" {_none_listed(ranking)}"
         if answer.asked.order == "lexicographic":
