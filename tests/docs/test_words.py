@@ -1,6 +1,7 @@
 """One word for one thing: what people read has the glossary's words, and none that were retired for them."""
 
 import ast
+import gc
 import re
 
 import pytest
@@ -64,6 +65,7 @@ def _bare(node):
 @pytest.fixture(scope="module")
 def texts(root):
     """Place and text of all that people read: messages, help, pages, documentation; not the history of changes."""
+    gc.disable()  # of a tree nothing is let go before all of it: looking for what may be takes as long as parsing
     package, found = root / "roslf_design", []
     for path in sorted(package.rglob("*.py")):
         for line, text in _strings(path, path.parent.name == "commands"):
@@ -79,6 +81,7 @@ def texts(root):
         if "_build" not in path.parts and "_generated" not in path.parts:
             text = path.read_text(encoding="utf-8").partition("## Words that were retired")[0]
             found.append((str(path.relative_to(root)), text))
+    gc.enable()
     return found
 
 

@@ -47,7 +47,7 @@ def test_a_file_is_not_written_over_unless_asked(swept, tmp_path):
     assert [one.name for one in tmp_path.iterdir()] == ["sweep.csv"]
 
 
-def test_what_rays_tell_is_traced_behind_a_real_lens_and_the_rest_marked(monkeypatch):
+def test_what_rays_tell_is_traced_behind_a_real_lens_and_the_rest_marked(monkeypatch, without_views):
     """A field of view by sweep was the thin lens's beside the one that `evaluate` traces."""
     names = ["field_of_view_deg", "mtf50_lp_per_mm", "sigma_z_mm", "working_distance_mm"]
     grid = {"d_3": [100.0, 120.0], "D_F": [2.0, 3.0]}
