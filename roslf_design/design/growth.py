@@ -122,7 +122,8 @@ class Growth:
 
         def stretched(z: Number) -> Number:
             """Distance from the lens's first vertex, from that."""
-            return housing * z + sum(more * np.clip(z - start, 0.0, length) for start, length, more in spans)
+            longer: list[Number] = [more * np.clip(z - start, 0.0, length) for start, length, more in spans]
+            return housing * z + sum(longer)
 
         def before_lens(z: Number) -> Number:
             return stretched(z - front[0]) + front[0 if lens_stays else 1]
