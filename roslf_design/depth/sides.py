@@ -80,17 +80,17 @@ class Parted(NamedTuple):
     """Windows about depth steps, each of the microlenses on one side alone."""
 
     about: Flags
-    """Microlenses whose windows, or those that tell their slopes, hold both surfaces."""
+    """Windows of these microlenses, or those that tell their slopes, hold both surfaces."""
     beside: Flags
-    """Those whose own windows may."""
+    """Own windows of these may as well."""
     unsure: Flags
     """Microlenses beside the edge of the nearer surface, which of the two is not known of."""
     leak: Array
     """Error of the farther surface by the other's edge [pitches]."""
     fit: WindowFit
-    """Of the side that each microlens lies on; nothing where both are one."""
+    """Windows of the side that each microlens lies on."""
     change: Array
-    """Of disparity from the one that this is linearised about."""
+    """Disparity less the one that `fit` is linearised about."""
 
 
 def parted(
