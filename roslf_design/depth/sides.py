@@ -22,6 +22,8 @@ disparities by which its two surfaces differ."""
 _HALVES = (1, 0.0), (2, 0.2)
 """Windows' widths of those that are compared, and jumps from which they are believed [pitches]: a ball bends such wide
 ones by up to 0.14."""
+_AT_ODDS = 3.0
+"""Chi-square of disparities about the plane from which a window is no surface's."""
 _WIDE = 3
 """Windows' widths of those that tell slopes."""
 _PARTED, _VOTE = 3, 9.0
@@ -39,6 +41,19 @@ the edge up to which it has it: so much it was beside steps of half a pitch of f
 microlenses along them; farther on, and on the nearer side, there was none of it."""
 
 
+def _middle(t: Array) -> tuple[Array, ...]:
+    """Mean disparity of windows by their sums, its place (2) and variance, and scatter about it.
+
+    That of places (uu, uv, vv), of these with the disparities (2), and of the disparities that microlenses ask for.
+    """
+    sharp = np.maximum(t[0], 1e-9)
+    mean, u, v = t[6] / sharp, t[1] / sharp, t[2] / sharp
+    variance = np.where(t[0] > 0.05 * t[9], t[9] / sharp**2, math.inf)
+    square = t[12] - 2 * t[13] + t[14] + mean**2 * t[9] - 2 * mean * (t[11] - t[10])
+    scatter = t[3] - u * t[1], t[4] - u * t[2], t[5] - v * t[2], t[7] - u * t[6], t[8] - v * t[6]
+    return mean, u, v, variance, *scatter, square
+
+
 def steps(terms: Array, window: int) -> Flags:
     """True of microlenses before and beyond which windows of any of `_HALVES` differ most, and surely, from one plane.
 
@@ -51,24 +66,25 @@ def steps(terms: Array, window: int) -> Flags:
         near, gap = box(terms, half), half // 2 + 1
         # Halves that hold the step themselves differ as well.
         elsewhere = ~ndimage.binary_dilation(found, np.ones((4 * gap + 1, 4 * gap + 1), np.bool_))
-        for axis, first, second, pull in ((1, 1, 3, 7), (0, 2, 5, 8)):
+        for axis in (1, 0):
             size = found.shape[axis] - 2 * gap
             if size < window:
                 continue
-            slope, inverse, apart, moved, variance = np.zeros((5, *np.take(found, range(size), axis).shape))
-            strain = np.ones_like(slope)
-            for sign, start in ((-1, 0), (1, 2 * gap)):
-                t = np.take(near, range(start, start + size), axis + 1)
-                sharp = np.maximum(t[0], 1e-9)
-                mean, across = t[6] / sharp, np.maximum(t[second] - t[first] ** 2 / sharp, 1e-9)
-                along = t[pull] - t[first] * mean
-                inverse, slope = inverse + across, slope + along
-                apart, moved = apart + sign * mean, moved + sign * t[first] / sharp
-                variance += np.where(t[0] > 0.05 * t[9], t[9] / sharp**2, math.inf)
-                square = t[12] - 2 * t[13] + t[14] + mean**2 * t[9] - 2 * mean * (t[11] - t[10]) - along**2 / across
-                strain = np.maximum(strain, square / np.maximum(t[18] - 2, 1))
-            jump = np.abs(apart - moved * slope / inverse)
-            surely = jump / np.sqrt(strain * (variance + moved**2 / inverse))
+            halves = [np.take(near, range(start, start + size), axis + 1) for start in (0, 2 * gap)]
+            (before, *first), (beyond, *second) = (_middle(half) for half in halves)
+            uu, uv, vv, ub, vb = (one + other for one, other in zip(first[3:8], second[3:8], strict=True))
+            whole = np.maximum(uu * vv - uv**2, 1e-9)
+            along, down = (ub * vv - vb * uv) / whole, (vb * uu - ub * uv) / whole
+            u, v = second[0] - first[0], second[1] - first[1]
+            jump = np.abs(beyond - before - along * u - down * v)
+            variance = first[2] + second[2] + (u**2 * vv - 2 * u * v * uv + v**2 * uu) / whole
+            odds = [
+                (part[8] - 2 * (along * part[6] + down * part[7]) + along**2 * part[3] + 2 * along * down * part[4]
+                 + down**2 * part[5]) / np.maximum(half[18] - 3, 1)
+                for half, part in zip(halves, (first, second), strict=True)
+            ]  # fmt: skip
+            strain = np.maximum(1, np.maximum(*odds))
+            surely = np.where(strain < _AT_ODDS, jump / np.sqrt(strain * np.maximum(variance, 1e-30)), 0)
             most = surely == ndimage.maximum_filter1d(surely, 4 * gap + 1, axis)
             inner = [slice(None)] * 2
             inner[axis] = slice(gap, gap + size)
