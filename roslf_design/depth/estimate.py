@@ -406,7 +406,7 @@ def _with_edges(judged: DisparityMap, wanted: Flags, look: SharedLight, start: S
     least, most = (max(low, known.min() - 1), min(high, known.max() + 1)) if known.size else (low, high)
     coarse = min(views.shape) >= MANY_PIXELS
     each = coarse and groups is not None and len(groups.zones) == few.sum()
-    found = past_edges(
+    found, wrong = past_edges(
         look, wanted, [(a & b, a & b & few) for a in left for b in above if (a & b).sum() > 2], judged.disparity,
         lambda some, near: _searched(
             every if each else replace(every, views=views.some(some)), least, most, SIZES[0], coarse, near,
@@ -415,12 +415,14 @@ def _with_edges(judged: DisparityMap, wanted: Flags, look: SharedLight, start: S
         partial(every.look, rough=roughness(look.picture)), limits,
     )  # fmt: skip
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
-    disparity = np.where(new, found.disparity, judged.disparity)
+    disparity = np.where(new, found.disparity, np.where(wrong, np.nan, judged.disparity))
+    sigma = np.where(new, found.sigma, np.where(wrong, np.inf, judged.sigma))
+    status = np.where(wrong, np.int8(DisparityStatus.INCONSISTENT), judged.status)
     return replace(
         judged,
         disparity=disparity,
-        sigma=np.where(new, found.sigma, judged.sigma) * np.where(beside_steps(disparity), BESIDE_STEP, 1.0),
-        status=np.where(new, np.int8(DisparityStatus.MEASURED), judged.status),
+        sigma=sigma * np.where(beside_steps(disparity), BESIDE_STEP, 1.0),
+        status=np.where(new, np.int8(DisparityStatus.MEASURED), status),
         chi2=np.where(new, found.chi2, judged.chi2),
         views=np.where(new, found.views, judged.views).astype(np.int16),
         picture=np.where(new, found.picture, judged.picture),

@@ -37,6 +37,8 @@ _BESIDE, _TWO = 12, 0.5
 theirs from which these are two [pitches]."""
 _FURTHEST = 0.5
 """Change of disparity that a slope tells roughly [pitches]: the outermost views move by half a microlens."""
+_FATTENED = 7
+"""Side of the window in which a farther surface is looked for beside the microlens in its middle [microlenses]."""
 _TILE = 16
 """Rows that are worked out one after the other, by one thread."""
 _DEPTH_STEP, BESIDE_STEP = 0.9, 2.0
@@ -234,14 +236,14 @@ def _settle(
 def past_edges(
     first: SharedLight, wanted: Flags, quarters: Sequence[tuple[Flags, Flags]], disparity: Array,
     search: Callable[[Flags, Flags], Array], look: Callable[..., SharedLight], limits: Limits,
-) -> _Offered:  # fmt: skip
+) -> tuple[_Offered, Flags]:  # fmt: skip
     """Disparities of the microlenses `wanted`, where other windows or a quarter of the views have them.
 
     `first` is of all views; `quarters` are true for the views of each quarter of the pupil, and for few of these. The
     few tell which quarter agrees best, along which of the surfaces beside by the `disparity` that is known; all of that
     quarter are looked at along it. Then what has none still, by what is known now: in places wider than a window, which
     no surface beside may explain, also along what `search` makes of some views near some microlenses. `look` looks at
-    some views along disparities, as `_AllViews` does.
+    some views along disparities, as `_AllViews` does. With them comes where all disparities so far are wrong.
     """
     found = _Offered.none(wanted.shape)
     found.take(first, wanted, limits)
@@ -262,7 +264,33 @@ def past_edges(
         parts = [(whole, own) for (whole, _), own in zip(quarters, chosen, strict=True)]
         found.take(look(parts, first.picture), wanted, limits)
         tried = chosen
-    return found
+    return found, _behind(first, quarters, disparity, look, limits, found)
+
+
+def _behind(
+    first: SharedLight, quarters: Sequence[tuple[Flags, Flags]], disparity: Array, look: Callable[..., SharedLight],
+    limits: Limits, found: _Offered,
+) -> Flags:  # fmt: skip
+    """Mark where near a step the farther surface explains a quarter of the views better than the disparity known does.
+
+    An edge's texture makes windows take what is behind, beside it, for the nearer surface. What windows of that quarter
+    have of the farther one is put into `found`, nothing where they have none. Arguments are those of `past_edges`.
+    """
+    known = np.where(np.isfinite(found.sigma), found.disparity, disparity)
+    farther = ndimage.minimum_filter(np.where(np.isnan(known), np.inf, known), _FATTENED)
+    beside = known - farther > _DEPTH_STEP
+    about = ndimage.binary_dilation(beside, np.ones((SIZES[0], SIZES[0]), np.bool_))
+    untried, least = np.full(known.shape, np.nan), np.full((2, *known.shape), 1e30)
+    chosen = np.full((2, len(quarters), *known.shape), np.nan)
+    for surface, along in enumerate((known, np.where(np.isfinite(farther), farther, np.nan))):
+        for number, (_, few) in enumerate(quarters):
+            seen = look([(few, np.where(about, along, np.nan))], first.picture)
+            settle(seen, SIZES[1], number, untried, least[surface], chosen[surface])
+    wrong = beside & (least[1] < least[0])
+    found.sigma[wrong] = np.inf
+    parts = [(whole, own) for (whole, _), own in zip(quarters, chosen[1], strict=True)]
+    found.take(look(parts, first.picture), wrong, limits)
+    return wrong
 
 
 def beside_steps(disparity: Array) -> Flags:
