@@ -39,6 +39,9 @@ _FURTHEST = 0.5
 """Change of disparity that a slope tells roughly [pitches]: the outermost views move by half a microlens."""
 _FATTENED = 7
 """Side of the window in which a farther surface is looked for beside the microlens in its middle [microlenses]."""
+_CLEARLY = 0.6
+"""Chi-square along the farther surface, over that along the nearer, below which a microlens shows the farther: chosen
+on rendered light fields and a Lytro's, where noise alone makes the two alike."""
 _TILE = 16
 """Rows that are worked out one after the other, by one thread."""
 _DEPTH_STEP, BESIDE_STEP = 0.9, 2.0
@@ -286,7 +289,7 @@ def _behind(
         for number, (_, few) in enumerate(quarters):
             seen = look([(few, np.where(about, along, np.nan))], first.picture)
             settle(seen, SIZES[1], number, untried, least[surface], chosen[surface])
-    wrong = beside & (least[1] < least[0])
+    wrong: Flags = beside & (least[1] < _CLEARLY * least[0])
     found.sigma[wrong] = np.inf
     parts = [(whole, own) for (whole, _), own in zip(quarters, chosen[1], strict=True)]
     found.take(look(parts, first.picture), wrong, limits)
