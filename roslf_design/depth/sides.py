@@ -16,7 +16,7 @@ from .windows import DISPARITY, SharedLight, WindowFit, box
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-_SURE = 5.0
+_SURE = 6.0
 """Standard errors of a jump between windows before and beyond a microlens from which a step lies about it, and of
 disparities by which its two surfaces differ."""
 _HALVES = (1, 0.0), (2, 0.2)
@@ -64,8 +64,7 @@ def steps(terms: Array, window: int) -> Flags:
     for times, least in _HALVES:
         half = times * window | 1
         near, gap = box(terms, half), half // 2 + 1
-        # Halves that hold the step themselves differ as well.
-        elsewhere = ~ndimage.binary_dilation(found, np.ones((4 * gap + 1, 4 * gap + 1), np.bool_))
+        before_these = found.copy()
         for axis in (1, 0):
             size = found.shape[axis] - 2 * gap
             if size < window:
@@ -86,6 +85,9 @@ def steps(terms: Array, window: int) -> Flags:
             strain = np.maximum(1, np.maximum(*odds))
             surely = np.where(strain < _AT_ODDS, jump / np.sqrt(strain * np.maximum(variance, 1e-30)), 0)
             most = surely == ndimage.maximum_filter1d(surely, 4 * gap + 1, axis)
+            # Halves that hold the step themselves differ as well.
+            beside = [4 * gap + 1 if k == axis else window for k in (0, 1)]
+            elsewhere = ~ndimage.binary_dilation(before_these, np.ones(beside, np.bool_))
             inner = [slice(None)] * 2
             inner[axis] = slice(gap, gap + size)
             found[tuple(inner)] |= (surely > _SURE) & (jump > least) & most & elsewhere[tuple(inner)]
