@@ -76,7 +76,9 @@ def steps(terms: Array, window: int) -> Flags:
             along, down = (ub * vv - vb * uv) / whole, (vb * uu - ub * uv) / whole
             u, v = second[0] - first[0], second[1] - first[1]
             jump = np.abs(beyond - before - along * u - down * v)
-            variance = first[2] + second[2] + (u**2 * vv - 2 * u * v * uv + v**2 * uu) / whole
+            # The picture's own noise lends slopes no information, but noise.
+            lent = np.add(halves[0][9], halves[1][9]) / np.maximum(halves[0][0] + halves[1][0], 1e-9)
+            variance = first[2] + second[2] + lent * (u**2 * vv - 2 * u * v * uv + v**2 * uu) / whole
             odds = [
                 (part[8] - 2 * (along * part[6] + down * part[7]) + along**2 * part[3] + 2 * along * down * part[4]
                  + down**2 * part[5]) / np.maximum(half[18] - 3, 1)
