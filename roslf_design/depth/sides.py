@@ -22,6 +22,8 @@ disparities by which its two surfaces differ."""
 _HALVES = (1, 0.0), (2, 0.2)
 """Windows' widths of those that are compared, and jumps from which they are believed [pitches]: a ball bends such wide
 ones by up to 0.14."""
+_HELD = 0.55
+"""Share of their microlenses that windows must hold: those at the field's rim look past it."""
 _AT_ODDS = 3.0
 """Chi-square of disparities about the plane from which a window is no surface's."""
 _WIDE = 3
@@ -85,7 +87,8 @@ def steps(terms: Array, window: int) -> Flags:
                 for half, part in zip(halves, (first, second), strict=True)
             ]  # fmt: skip
             strain = np.maximum(1, np.maximum(*odds))
-            surely = np.where(strain < _AT_ODDS, jump / np.sqrt(strain * np.maximum(variance, 1e-30)), 0)
+            some = np.minimum(halves[0][18], halves[1][18]) > _HELD * half**2
+            surely = np.where(some & (strain < _AT_ODDS), jump / np.sqrt(strain * np.maximum(variance, 1e-30)), 0)
             most = surely == ndimage.maximum_filter1d(surely, 4 * gap + 1, axis)
             # Halves that hold the step themselves differ as well.
             beside = [4 * gap + 1 if k == axis else window for k in (0, 1)]
