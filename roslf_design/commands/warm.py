@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from .._jit import compiling
+from ..depth.decoded import DecodeOptions, decoded
 from ..depth.measure import simulate
 from ..depth.pictures import PictureOptions, default_scene
 from ..design import load
 from ..evaluation import evaluate
+from ..imaging.files import write_image
 from ..imaging.render import render
-from ..reporting.design.pages import design_report
+from ..reporting.story import full_report
+from ..scenes import WHITE_FIELD
 from .terminal import bar, say
 
 SMALL = 60
@@ -50,10 +55,19 @@ def _jobs() -> tuple[Callable[[], Any], ...]:
         options = PictureOptions(region=(width // 2, height // 2, side, side))
         return lambda: simulate(design, default_scene(design), options)
 
+    def decode() -> None:
+        with TemporaryDirectory() as folder:
+            image, (width, height) = Path(folder) / "white.tif", load("paper").pixels
+            write_image(
+                render(load("paper"), WHITE_FIELD, region=(width // 2, height // 2, 2 * SMALL, 2 * SMALL)), image
+            )
+            decoded(image, DecodeOptions(white=image))
+
     return (
         lambda: evaluate("paper-singlet"),
         lambda: evaluate(load("cystoscope")),
-        lambda: design_report(load("paper")),
+        lambda: full_report(load("paper")),
+        decode,
         *map(picture, ("paper", "cystoscope", "paper-singlet")),
         *map(depth, ("paper", "paper-singlet")),
     )
