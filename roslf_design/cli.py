@@ -222,7 +222,7 @@ def _advise(is_warm: bool) -> None:
     """Say where a command was slow for want of machine code, and somebody watches."""
     jit = sys.modules.get("roslf_design._jit")
     if jit is not None and not is_warm and sys.stderr.isatty() and (seconds := jit.cold_seconds()) > PATIENCE:
-        advice = "`roslf warm` compiles all of it, once on a machine, in about a minute of a free one"
+        advice = "`roslf warm` compiles all of it, once on a machine, in two minutes of a free one"
         print(f"roslf: {seconds:.0f} s of this were for code that is not compiled yet; {advice}", file=sys.stderr)
 
 
