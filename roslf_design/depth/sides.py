@@ -22,8 +22,9 @@ disparities by which its two surfaces differ."""
 _HALVES = (1, 0.0), (2, 0.2)
 """Windows' widths of those that are compared, and jumps from which they are believed [pitches]: a ball bends such wide
 ones by up to 0.14."""
-_HELD = 0.55
-"""Share of their microlenses that windows must hold: those at the field's rim look past it."""
+_HELD, _ALIKE = 0.55, 0.75
+"""Share of their microlenses that windows must hold, as those at the field's rim look past it; and of the fuller one's
+that the other must: slopes of unlike ones count unlike, and a bend would pass for a step."""
 _AT_ODDS = 3.0
 """Chi-square of disparities about the plane from which a window is no surface's."""
 _WIDE = 3
@@ -63,7 +64,7 @@ def steps(terms: Array, window: int) -> Flags:
     more than it shows. `terms` as `SharedLight.terms`.
     """
     found = np.zeros(terms.shape[1:], np.bool_)
-    for times, least in _HALVES:
+    for times, smallest in _HALVES:
         half = times * window | 1
         near, gap = box(terms, half), half // 2 + 1
         before_these = found.copy()
@@ -87,7 +88,8 @@ def steps(terms: Array, window: int) -> Flags:
                 for half, part in zip(halves, (first, second), strict=True)
             ]  # fmt: skip
             strain = np.maximum(1, np.maximum(*odds))
-            some = np.minimum(halves[0][18], halves[1][18]) > _HELD * half**2
+            least, fullest = (pick(halves[0][18], halves[1][18]) for pick in (np.minimum, np.maximum))
+            some = (least > _HELD * half**2) & (least > _ALIKE * fullest)
             surely = np.where(some & (strain < _AT_ODDS), jump / np.sqrt(strain * np.maximum(variance, 1e-30)), 0)
             most = surely == ndimage.maximum_filter1d(surely, 4 * gap + 1, axis)
             # Halves that hold the step themselves differ as well.
@@ -95,7 +97,7 @@ def steps(terms: Array, window: int) -> Flags:
             elsewhere = ~ndimage.binary_dilation(before_these, np.ones(beside, np.bool_))
             inner = [slice(None)] * 2
             inner[axis] = slice(gap, gap + size)
-            found[tuple(inner)] |= (surely > _SURE) & (jump > least) & most & elsewhere[tuple(inner)]
+            found[tuple(inner)] |= (surely > _SURE) & (jump > smallest) & most & elsewhere[tuple(inner)]
     return found
 
 
