@@ -225,8 +225,9 @@ class DesignProblem:
 
     def number(self, part: Constraint | Goal, unit: Array) -> float:
         """Value of a constraint's or goal's quantity at one point."""
-        cameras = self.cameras(unit[None])
-        return float(np.ravel(part.values(cameras, self.traces(cameras, self.varied_lens(unit[None]))))[0])
+        cameras, posed_at = self.cameras(unit[None]), self._posed_at(unit[None])
+        traces = self.traces(cameras, self.varied_lens(unit[None]))
+        return float(np.ravel(posed_at(part).values(cameras, traces))[0])  # type: ignore[type-var]
 
     def design_at(self, unit: Array, name: str = "") -> Design:
         """The design at one point.

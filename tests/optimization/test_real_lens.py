@@ -139,6 +139,7 @@ def test_what_rays_told_at_two_places_holds_at_both_and_lies_between():
     rows = [row.label.startswith("field_half_width_mm") for row in problem.rows]
     for found in (problem.vector(ends)[1:], problem.limits(ends)):
         assert 31.0 * np.exp(-found[rows][0]) == pytest.approx(told, rel=1e-9)
+    assert [problem.number(problem.constraints[0], end) for end in ends] == pytest.approx(told, rel=1e-9)
     thin = roslf.quantity("field_half_width_mm")(problem.cameras(np.vstack([ends, middle])), None)
     shares = 31.0 * np.exp(-problem.limits(np.vstack([ends, middle]))[rows][0]) / thin
     assert shares[2] == pytest.approx(np.sqrt(shares[0] * shares[1]), rel=1e-9)
