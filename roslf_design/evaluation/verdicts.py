@@ -326,13 +326,15 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
         return Verdict.of("field_undistorted", text, f"{turned}{by_thin or ways}")
     if by_thin:
         on_array = f" ({thin.x_ml_max_mm:.4g} mm on the MLA)" if thin.cut_beyond_mm == thin.x0_max_mm else ""
+        others = [f"{the(cut['rim'])} (beyond {cut['beyond_mm']:.4g} mm)" for cut in thin.cut_by[1:]]
         text = (
             f"{CUT_IN_IT}: cat's eyes beyond {thin.cut_beyond_mm:.4g} mm object radius{on_array}, cut by "
-            f"{the(thin.limited_by)}; {sees}"
+            f"{the(thin.limited_by)}{f', then by {listed(others)}' if others else ''}; {sees}"
         )
         return Verdict.of("field_undistorted", text, by_thin)
     bound = "at any field"
-    if thin.x0_max_mm < thin.field_half_diagonal_mm:
+    leaning = any(rim.leans for rim in camera.rims if rim.opening == thin.limited_by)
+    if leaning and thin.x0_max_mm < thin.field_half_diagonal_mm * (1 - FEASIBLE):
         bound = (
             f"over all that the sensor sees; {the(thin.limited_by)}, which leans, would cut beyond "
             f"{thin.x0_max_mm:.4g} mm object radius, but in directions that the sensor does not see so far"
@@ -411,19 +413,25 @@ def _fits(camera: Camera) -> Verdict:
 
 
 def _field_remedy(camera: Camera, field: Numbers) -> str:
-    grow, others = 2 * abs(field.room_at_corner_mm), "a smaller FAP or a smaller sensor"
-    limiting = field.limited_by.partition(",")[0]  # of either face of an element
-    if any(part.name == limiting and part.clear + grow > tube.room(camera) for part in tube.housed(camera)):
-        return f"the tube leaves no room to widen {the(field.limited_by)}: {others}, or a wider tube, frees the field"
-    if field.limited_by == "main lens":
+    others, grow = "a smaller FAP or a smaller sensor", dict[str, float]()
+    for cut in field.cut_by:
+        name = cut["rim"].partition(",")[0]  # of either face of an element
+        grow[name] = max(grow.get(name, 0.0), 2 * abs(cut["clearance_mm"]))
+    parts, room = tube.housed(camera), tube.room(camera)
+    if tight := [part.name for part in parts if part.clear + grow.get(part.name, -math.inf) > room]:
+        names = listed([*map(the, tight)])
+        return f"the tube leaves no room to widen {names}: {others}, or a wider tube, frees the field"
+    if [*grow] == ["main lens"]:
+        wide = float(camera.cold.D) * (1 + grow["main lens"] / float(camera.D))
         return (
-            f"a main lens of {on_side(float(camera.D) + grow, True, 4)} mm clear aperture frees the whole field; "
+            f"a main lens of {on_side(wide, True, 4)} mm clear aperture frees the whole field; "
             "a smaller FAP, a FAP closer to the lens or a smaller sensor helps too"
         )
-    if field.limited_by.endswith("mapping"):
+    if any(cut["rim"].endswith("mapping") for cut in field.cut_by):
         largest = math.degrees(camera.mapping.widest)
         return f"the objective images no farther than {largest:.4g} degrees in air; use a smaller sensor or FAP"
-    return f"widen {the(limiting)} by {on_side(grow, True, 4)} mm, or use {others}"
+    wider = listed([f"{the(name)} by {on_side(by, True, 4)} mm" for name, by in grow.items()])
+    return f"widen {wider}, or use {others}"
 
 
 def _resolved(camera: Camera, sampling: Numbers) -> Verdict:

@@ -496,7 +496,7 @@ _EVERY = (
         evaluated=Listed(
             "non_distortion",
             "clearance at the corner",
-            lambda field: f"pencil to the rim of {the(field.limited_by)}",
+            lambda field: f"pencil to the rim of {the(field.nearest_rim)}",
             key="room_at_corner_mm",
         ),
     ),

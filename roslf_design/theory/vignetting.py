@@ -19,7 +19,10 @@ from ..design.parts import PATHS
 from .chief_rays import chief_rays
 from .leaning import leaning_radius, leaning_room
 from .light import SensorField, sensor_field
-from .stop_images import room_in_pupil, settled, stop_openings
+from .stop_images import room_in_pupil, settled
+
+ROUNDING = 1e-12
+"""Share of the main lens's diameter that rounding leaves of a room which an optimiser holds at 0."""
 
 
 def room_at(c: Camera, object_radius: ArrayLike, places: Array | None = None) -> Array:
@@ -142,6 +145,16 @@ def field_margins(c: Camera) -> Array:
     return np.stack([radii, *np.broadcast_arrays(room, taken)], axis=1)
 
 
+class _Cut(NamedTuple):
+    """Cut by one rim of pencils from what the sensor sees."""
+
+    rim: str
+    beyond_mm: float
+    """Object radius beyond which that rim cuts [mm]."""
+    clearance_mm: float
+    """Room at the field's farthest corner, below 0, on the rim's plane [mm]."""
+
+
 class _FieldLimit(NamedTuple):
     """Limit of the undistorted field of one camera."""
 
@@ -150,12 +163,14 @@ class _FieldLimit(NamedTuple):
     mla_radius: float
     """Radius where its chief ray meets the array [mm]."""
     rim: str
-    """The rim that cuts most in the field's corners or, where none does, the one that ends it or leaves least room."""
+    """The rim that ends it; where what the sensor sees is cut, the one that cuts first in that."""
     clearance: float
-    """Room between a pencil and that rim at the field's farthest corner, on the rim's plane [mm]."""
-    cut_beyond: float
-    """Object radius beyond which rims cut that cut in what the sensor sees [mm]; inf where none does. Larger than
-    `radius` where a rim that leans ends that in a direction that the sensor does not see."""
+    """Least room between a pencil and any rim at the field's farthest corner, on the rim's plane [mm]."""
+    nearest: str
+    """The rim that leaves that."""
+    cuts: tuple[_Cut, ...]
+    """Rims that cut what the sensor sees, by more than an optimiser's rounding may leave, the first of them first. It
+    cuts beyond `radius` where a rim that leans ends that in a direction that the sensor does not see."""
 
 
 def field_limit(c: Camera) -> _FieldLimit:
@@ -166,15 +181,12 @@ def field_limit(c: Camera) -> _FieldLimit:
     c : Camera
         One build; its tilts are left out.
     """
-    bounds = [max(float(bound), 0.0) for bound in undistorted_radii(c)]
+    bounds = np.array([max(float(bound), 0.0) for bound in undistorted_radii(c)])
     rooms = [float(room) for room in corner_room(c)]
-    tightest = min(range(len(rooms)), key=lambda k: (bounds[k], rooms[k]))
-    clearance = min(rooms)
-    cutting = [k for k, room in enumerate(rooms) if room < 0]
-    if cutting:
-        depths = stop_openings(c, *sensor_field(c).corners.T).rooms[..., 1:].min(axis=0)
-        deepest = min(cutting, key=lambda k: float(depths[k]))
-        tightest, clearance = deepest, rooms[deepest]
-    radii = min(bounds), min([bounds[k] for k in cutting], default=np.inf)
-    real, cut_beyond = on_focal_plane(c, np.array(radii)).tolist()
-    return _FieldLimit(real, radii[0] / abs(float(c.seen.inverse_m)), c.rims[tightest].opening, clearance, cut_beyond)
+    nearest, slack = int(np.argmin(rooms)), ROUNDING * float(c.D)
+    first, *others = sorted(range(len(rooms)), key=lambda k: (rooms[k] >= -slack, bounds[k], rooms[k]))
+    real = on_focal_plane(c, bounds).tolist()
+    cuts = [_Cut(c.rims[k].opening, real[k], rooms[k]) for k in (first, *others) if rooms[k] < -slack]
+    ends, names = int(np.argmin(bounds)), (c.rims[first].opening, c.rims[nearest].opening)
+    on_array = float(bounds[ends]) / abs(float(c.seen.inverse_m))
+    return _FieldLimit(real[ends], on_array, names[0], rooms[nearest], names[1], tuple(cuts))

@@ -1,5 +1,7 @@
 """What is said to cut the field is what takes rays in its corners: verdicts against exact areas of the ray budget."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -41,7 +43,7 @@ distance = "120 um"
 
 @pytest.mark.parametrize(
     ("mirror", "plate", "azimuth"),
-    [(8, 6.2, 90), (8, 7.5, 90), (8, 6.2, 0), (7, 7.5, 0), (6.4, 7.5, 90), (14, 6.2, 90), (7, 6.4, 45)],
+    [(8, 6.2, 90), (8, 7.5, 90), (8, 6.2, 0), (7, 7.5, 0), (6, 6.2, 90), (6.4, 7.5, 90), (14, 6.2, 90), (7, 6.4, 45)],
 )
 def test_what_cuts_the_field_is_what_takes_rays_in_its_corners(mirror, plate, azimuth):
     design = roslf.loads(FOLDED).replace(
@@ -65,9 +67,35 @@ def test_what_cuts_the_field_is_what_takes_rays_in_its_corners(mirror, plate, az
     assert told.undistorted_in_field == (max(lost.values()) < 1e-12)
     verdict = next(one for one in result.verdicts if one.name == "field_undistorted")
     assert verdict.ok == told.undistorted_in_field
+    cuts = [cut["rim"] for cut in told.cut_by]
+    assert {name for name, share in lost.items() if share > 1e-12} <= {*cuts}
+    assert told.room_at_corner_mm == pytest.approx(float(QUANTITIES["non_distortion_room_mm"](camera)), rel=1e-12)
     if not verdict.ok:
         assert lost[told.limited_by] > 0
         assert f"cut by {told.limited_by}" in verdict.text
+        wider = dict(re.findall(r"(mirror 1|plate 2|main lens) by ([\d.]+) mm", verdict.remedy))
+        keys = {"mirror 1": "elements.0.diameter", "plate 2": "elements.1.diameter", "main lens": "main_lens.diameter"}
+        assert {*wider} == {name.partition(",")[0] for name in cuts}
+        changes = {keys[name]: float(camera[keys[name]]) + float(by) for name, by in wider.items()}
+        assert roslf.evaluate(design.replace(changes), []).non_distortion.undistorted_in_field
+    for cut in told.cut_by:  # what each cuts by itself, the others far away
+        key = f"elements.{int('plate' in cut['rim'])}.diameter"
+        alone = {"elements.0.diameter": 60.0, "elements.1.diameter": 60.0, key: float(camera[key])}
+        bound = roslf.evaluate(design.replace(alone), []).non_distortion
+        assert cut["beyond_mm"] >= bound.x0_max_mm * (1 - 1e-12)
+        assert cut["rim"] != bound.limited_by or cut["beyond_mm"] == pytest.approx(bound.x0_max_mm, rel=1e-12)
+
+
+def test_a_rim_that_just_leaves_the_field_whole_leans_only_where_it_does():
+    """Where an optimiser ends: rounding puts the bound below the corner."""
+    design = roslf.load("rigid-scope")
+    for beside in np.linspace(-3e-13, 3e-13, 7):
+        least = 2 * float(-QUANTITIES["non_distortion_room_mm"](Camera.of(design)))
+        result = roslf.evaluate(design.replace(D=design.D + least + beside), [])
+        verdict = next(one for one in result.verdicts if one.name == "field_undistorted")
+        assert verdict.ok
+        assert "out to" in verdict.text
+        assert "leans" not in verdict.text
 
 
 def test_builds_of_a_leaning_mirror_are_their_single_cameras():

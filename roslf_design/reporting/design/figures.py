@@ -54,9 +54,9 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
     field = result.non_distortion
     room = number(abs(field.room_at_corner_mm), 3)
     follow = (
-        f"Every pencil that fills the FAP passes {the(field.limited_by)} with {room} mm clearance at the corner."
+        f"Every pencil that fills the FAP passes {the(field.nearest_rim)} with {room} mm clearance at the corner."
         if field.undistorted_in_field
-        else f"Outer pencils lose light, most at {the(field.limited_by)}: {room} mm too little clearance at the corner."
+        else f"Outer pencils lose light: {the(field.nearest_rim)} leaves {room} mm too little clearance at the corner."
     )
     plane = (
         "Each field lies in its own meridional plane, turned into the page."
