@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import (
+    AfterValidator,
     BeforeValidator,
     Field,
     PlainSerializer,
@@ -34,13 +35,17 @@ def _no_flag(value: Any) -> Any:
 _End = Annotated[float | str | None, BeforeValidator(_no_flag)]
 
 
+def _off_middle(field: str | None) -> str | None:
+    return None if field == "middle" else field
+
+
 class Required(Part):
     """Limits of one quantity; several of them, at other distances, stand in a list."""
 
     quantity: str
     at: Length | None = None
     """Distance ahead of the bore's tip [mm]; the focal plane where left out."""
-    field: Literal["middle", "edge", "corner"] | None = None
+    field: Annotated[Literal["middle", "edge", "corner"] | None, AfterValidator(_off_middle)] = None
     """Where in what the sensor sees, of `detail_lp_per_mm` alone; the middle where left out, all that studies hold."""
     min: _End = None
     """Least value: text with a unit, or a number in the unit that the quantity's name ends with."""

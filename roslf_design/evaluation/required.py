@@ -31,7 +31,7 @@ from ..theory.depth_budget import (
     DepthBudget,
     depth_budget,
 )
-from ..theory.focused import has_views
+from ..theory.focused import has_views, pupil_remedy
 from ..theory.length_covariance import LengthCovariance
 from ..theory.limits import as_design, limits
 from ..theory.quantities import NO_LENS_MOVES, quantity_named
@@ -184,10 +184,12 @@ def requirements(
     for asked, quantity, low, high in limits(shown.design):
         depth = quantity.name == "u_z_mm"
         closed = float(budget(asked.at).u_z_mm) if depth else float(quantity(camera, asked.at))
-        field = None if asked.field == "middle" else asked.field
-        rays = shown.told(quantity, asked.at)
+        field, rays = asked.field, shown.told(quantity, asked.at)
+        middle, sampled = closed if rays is None else rays, False
         if field is not None:
-            rays = closed = shown.detail_in(field, asked.at)
+            there = shown.detail_in(field, asked.at)
+            rays = closed = there.usable_lp_per_mm or 0.0
+            sampled = there.limited_by == "sampling"
         value = closed if rays is None else rays
         undefined = math.isnan(value) or (quantity.of_views and not has_views(camera))
         met = not undefined and bool(quantity.within(low, high, value))
@@ -199,7 +201,9 @@ def requirements(
         only = remedy = ""
         of_detail = quantity.unit == "lp/mm"
         fold = float(quantity_named("fold_lp_per_mm")(camera, at)) if of_detail else math.inf
-        aliases = not undefined and min(value, closed) > fold  # usable detail of rays ends at their own fold
+        aliases = (
+            field is None and not undefined and min(value, closed) > fold
+        )  # usable detail of rays ends at their own fold
         if aliases:
             counts = f"of contrast; detail above {number(fold, 4)} {quantity.unit} aliases"
         if met and depth and budget(at).as_drawn:
@@ -222,17 +226,22 @@ def requirements(
         if met and at is not None and quantity.of_views and (blurred := _blurred(camera, at)):
             only = ", ".join(filter(None, (only, "where single views blur")))
             remedy = "; ".join(filter(None, (remedy, blurred)))
-        if field is not None and not met:
+        if field is not None and not met and not sampled and low is not None and value < low <= middle:
             remedy = SHARPER
+        if quantity.of_views and not has_views(camera):
+            remedy = f"pixels are no views, which it is of: {pupil_remedy(camera)}"
         if quantity.name == "detail_lp_per_mm" and not undefined and field is None:
             there = shown.detail_in("corner", at)
-            counts = "; ".join(filter(None, (counts, f"in the middle; in the field's corner {number(there, 3)} lp/mm")))
-            if met and low is not None and not quantity.within(low, None, there):
+            corner = there.usable_lp_per_mm or 0.0
+            counts = "; ".join(
+                filter(None, (counts, f"in the middle; in the field's corner {number(corner, 3)} lp/mm"))
+            )
+            if met and low is not None and not quantity.within(low, None, corner):
                 only = ", ".join(filter(None, (only, "in the middle alone")))
                 remedy = "; ".join(filter(None, (remedy, SHARPER)))
         if not met and not undefined:
             slip = _slip_of_unit(asked, low, high, value, quantity.unit)
-            culprit = _culprit(quantity, camera, fold if of_detail else value, low)
+            culprit = _culprit(quantity, camera, fold if of_detail and not sampled else value, low)
             remedy = "; ".join(filter(None, (slip, culprit, remedy or WAYS * bool(slip or culprit))))
         twin = None if value == closed or not lens.mounted or math.isnan(closed) else closed
         if twin is not None:
@@ -262,7 +271,7 @@ def missed_words(required: Sequence[Requirement]) -> str:
 
 def limits_for_study(design: Design) -> tuple[dict[str, Any], ...]:
     """Limits of a design's `[required]` as tables of a study's file, but those off the middle, which none holds."""
-    held = [asked for asked in design.required if asked.field in (None, "middle")]
+    held = [asked for asked in design.required if asked.field is None]
     return tuple({"quantity": one.quantity, **one.model_copy(update={"field": None}).limits()} for one in held)
 
 

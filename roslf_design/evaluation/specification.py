@@ -204,10 +204,10 @@ class FieldImages:
         """Which of the images is farthest out on the focal plane: the corner's."""
         return self.points.index(corner(self.points))
 
-    def detail_in(self, field: Literal["edge", "corner"], at: float | None) -> float:
-        """Detail that shows as what it is elsewhere in the field, on a plane [lp/mm]; 0 where none does."""
+    def detail_in(self, field: str, at: float | None) -> Resolved:
+        """Detail of a refocused image at the field's "edge" or "corner", on a plane."""
         place = self.farthest if field == "corner" else 1
-        return resolved(self.images, place, (ASKED, self._plane(at)), "refocused").usable_lp_per_mm or 0.0
+        return resolved(self.images, place, (ASKED, self._plane(at)), "refocused")
 
     def _plane(self, at: float | None) -> float:
         """Distance of a plane ahead of the tip, or of the focal plane [mm]."""

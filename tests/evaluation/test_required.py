@@ -244,6 +244,9 @@ def test_pixels_that_are_no_views_hold_no_limit_on_views():
     assert result.focused is not None
     for one in result.required:
         assert (one.value, one.met, one.counts) == (None, False, "")
+        assert "would image the pupil" in one.verdict.remedy
+    corner = focused.replace({"required": {"detail_lp_per_mm": {"min": 1.0, "field": "corner"}}})
+    assert required_of(corner)[0].remedy == result.required[0].remedy
 
 
 def test_a_design_keeps_what_it_is_asked_for():
@@ -452,3 +455,51 @@ def test_detail_can_be_required_of_the_corner():
     assert limits_for_study(asked_of) == ({"quantity": "detail_lp_per_mm", "min": 1e-3},)
     with pytest.raises(DesignError, match="is of the whole camera; drop field"):
         roslf.evaluate(design.replace({"required": {"outer_diameter_mm": {"max": 99.0, "field": "corner"}}}))
+
+
+def _corner_of(design, **limits):
+    (one,) = required_of(design.replace({"required": {"detail_lp_per_mm": {**limits, "field": "corner"}}}))
+    return one
+
+
+def test_detail_in_the_corner_ends_at_the_sampling_there():
+    """Half a period a microlens: its step on the focal plane at the corner, from where the corners of sensors lie."""
+    design = roslf.load("cystoscope")
+
+    def corner(scale):
+        sized = design.replace({"sensor.size": [scale * side for side in design.sensor.size]})
+        rows = [row for row in roslf.specification(sized).resolution if row.plane == "focal plane"]
+        row = max(rows, key=lambda row: row.x0_mm)
+        return math.hypot(*row.x_ml_mm), row.x0_mm
+
+    (near, inner), (x_ml, x0), (far, outer) = map(corner, (0.999, 1.0, 1.001))
+    coarser = max((outer - inner) / (far - near), x0 / x_ml)
+    middle = float(roslf.quantity("fold_lp_per_mm")(Camera.of(design)))
+    one = _corner_of(design, min=1.03 * middle)
+    assert one.value == pytest.approx(0.5 / design.d / coarser, rel=1e-4)
+    assert one.value > 1.1 * middle  # else the middle's would do
+    assert (one.verdict.level, one.counts, one.remedy) == ("good", "", "")
+
+
+def test_a_remedy_of_the_corner_is_of_what_is_missed_there():
+    ideal, traced = roslf.load("cystoscope"), roslf.load("paper-singlet")
+    fine = _corner_of(ideal, min=1.45)
+    assert not fine.met
+    pitch = float(re.search(r"microlenses of ([\d.]+) um", fine.remedy)[1])
+    assert _corner_of(ideal.replace({"microlens_array.pitch": pitch / 1e3}), min=1.0).value >= 1.45
+    assert "corrected" not in fine.remedy
+    assert "corrected" not in _corner_of(ideal, max=1.0).verdict.remedy
+    middle = roslf.evaluate(traced).answer.at[0].usable_lp_per_mm
+    for least, held in ((0.99 * middle, True), (1.01 * middle, False)):
+        assert ("better corrected" in _corner_of(traced, min=least).verdict.remedy) == held
+
+
+def test_the_middle_named_is_the_middle_left_out():
+    design = asked('detail_lp_per_mm = {min = 0.5, field = "middle"}\nfill_factor = {min = 0.1, field = "middle"}')
+    assert [one.verdict.name for one in roslf.evaluate(design).required] == [
+        "required_detail_lp_per_mm", "required_fill_factor",
+    ]  # fmt: skip
+    with pytest.raises(InputError, match=r"min 0.5 lp/mm is above max 0.1 lp/mm"):
+        roslf.evaluate(asked('detail_lp_per_mm = [{min = 0.5}, {max = 0.1, field = "middle"}]'))
+    with pytest.raises(InputError, match="middle"):
+        asked('detail_lp_per_mm = {min = 0.5, field = "korner"}')
