@@ -9,6 +9,7 @@ import math
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from functools import cache
 from itertools import chain
 from operator import attrgetter
 from pathlib import Path
@@ -509,10 +510,10 @@ def other_focal_length(part: str, f: float) -> float | None:
     return own if abs(own / f - 1) > ALIKE else None
 
 
-def window_aperture(part: str) -> tuple[float, bool] | None:
-    """Clear aperture of a shipped window [mm], and whether its maker states it; None where none is so called."""
-    named = [one for one in load_catalogue().windows if one.part == part]
-    return (named[0].aperture, named[0].clear_aperture is not None) if named else None
+@cache
+def named_window(part: str | None) -> _WindowPart | None:
+    """A shipped window; None where none is so called."""
+    return next((one for one in load_catalogue().windows if one.part == part), None) if part else None
 
 
 def _no_part(message: str) -> InputError:

@@ -32,8 +32,8 @@ class _LensAberrations(NamedTuple):
     """Aberrations of the traced lens over the field, each at its worst."""
 
     displaced: float
-    """Farthest that the rim of a microlens image lies from where the thin lens puts it [mm]; an image's diameter where
-    it is not whole."""
+    """Farthest that the rim of a whole microlens image lies from where the thin lens puts it [mm]; an image's diameter
+    where none is whole."""
     cut: float
     """Depth of the lens's own rims' cut into a microlens image [mm]."""
     spread: float
@@ -75,7 +75,7 @@ def _traced_faults(design: Design, x_ml: float) -> _LensAberrations:
     foci = np.maximum(np.abs(field.maps.tangential_focus), np.abs(field.maps.sagittal_focus))
     apart = np.abs(field.maps.tangential_focus - field.maps.sagittal_focus)
     return _LensAberrations(
-        displaced=float(np.max(np.where(whole, field.rim_shift, diameter))),
+        displaced=float(np.max(field.rim_shift, where=whole, initial=0.0)) if whole.any() else diameter,
         cut=float(np.max(1 - field.images.kept_fraction)) * diameter,
         spread=float(np.max(np.where(lit, np.max(field.maps.spread, axis=-1), 0.0))),
         curvature=float(np.max(np.where(lit, foci, 0.0))) * _cone(design),
@@ -115,7 +115,7 @@ def _distortion(s: Subject) -> Estimate:
     traced = lens_aberrations(s.design, s.lens_field)
     size = traced.displaced / s.design.q
     ends = "" if traced.whole_to == s.lens_field else f"; images are not whole beyond {traced.whole_to:.4g} mm"
-    return Estimate(size, f"{_traced(s)}: image rims up to {size:.3g} px off the thin lens's{ends}")
+    return Estimate(size, f"{_traced(s)}: rims of whole images up to {size:.3g} px off the thin lens's{ends}")
 
 
 def _blur(s: Subject, spread: float, words: str) -> Estimate:

@@ -12,7 +12,7 @@ import numpy as np
 from .._arrays import product
 from ..bore.main_lens import IdealMainLens
 from ..camera import Camera
-from ..catalogue.entries import other_focal_length, window_aperture
+from ..catalogue.entries import named_window, other_focal_length
 from ..design import Design
 from ..design.growth import NAMED_AT, not_known, not_named
 from ..lenses.glass import ROOM
@@ -167,10 +167,10 @@ def _windows_to_rim(design: Design, camera: Camera) -> Iterator[Verdict]:
     """Whether light needs more of a window than is clear for certain."""
     for at, name, element, *_ in design.at_room.in_bore:
         part, across = getattr(element, "part", None), element.diameter
-        known = window_aperture(part) if part else None
-        if known is None or across is None or across <= known[0] * (1 + FEASIBLE):
+        known = named_window(part)
+        if known is None or across is None or across <= known.aperture * (1 + FEASIBLE):
             continue
-        clear, stated = known
+        clear, stated = known.aperture, known.clear_aperture is not None
         key = f"{at}.diameter"
         narrower = corner_room(camera.replace({key: clear * float(camera[key]) / across}))
         if not np.any((narrower < 0) & (narrower < corner_room(camera))):

@@ -12,6 +12,7 @@ from ..bore.fold import fold_of
 from ..bore.opening import ClearAperture
 from ..bore.part import Number
 from ..camera import Camera
+from ..catalogue.entries import named_window
 from ..design import PATHS
 from ..lenses.glass import ROOM
 from ..lenses.prescription import Prescription
@@ -29,7 +30,8 @@ class _Housed(NamedTuple):
     name: str
     """Name in ray budgets; of an element's two faces both."""
     width: Number
-    """Diameter, of a real lens that of its widest surface, or diagonal, and twice how far it is decentred [mm]."""
+    """Diameter, of a catalogued window its outer, of a real lens that of its widest surface, or diagonal, and twice how
+    far it is decentred [mm]."""
     place: Number
     """Its end towards the scene [mm before the main lens, below 0 behind it]."""
     clear: Number
@@ -74,7 +76,8 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
         for rim in c.stop_openings
     ]
     for at in c.in_bore:
-        glass = _widest(at.element.prescribed)
+        window = named_window(getattr(at.element, "part", None))
+        glass = _widest(at.element.prescribed) if window is None else window.diameter
         if glass or f"{at.at.place}.diameter" in numbers or _aside(c, at.end, 0.0) is not None:
             parts.append(part(at.name, at.at.place, at.at.get("diameter", glass), at.end, glass))
     array, d_2 = -numbers[PATHS["d_1"]] - c.hiatus, numbers[PATHS["d_2"]]

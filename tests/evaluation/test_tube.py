@@ -257,3 +257,14 @@ def test_a_picture_reversed_by_one_reflection_is_told_of(sideways):
     assert "reversed (left and right), by one reflection (prism 1)" in verdict(sideways, "picture_reversed").text
     twice = roslf.evaluate(sideways.replace({"elements.0.reflections": 2}))
     assert all(one.name != "picture_reversed" for one in twice.verdicts)
+
+
+def test_a_bought_window_counts_to_its_outside(scope):
+    """Light passes its clear aperture; the tube holds all of it. One made to a drawing has its diameter only."""
+    drawn = {"kind": "plate", "distance": 118.0, "thickness": 1.0, "material": "sapphire", "diameter": 7.2}
+    tube = {"outer_diameter": 7.9, "wall": 0.25}
+    thin = scope.replace({"main_lens.diameter": 7.0, "sensor.size": (3.0, 4.0), "tube": tube, "elements": [drawn]})
+    assert fits(thin).ok
+    told = fits(thin.replace({"elements": [{**drawn, "part": "sapphire 8 x 1 mm"}]}))
+    assert not told.ok
+    assert "plate 1 (8 mm, 0.6 mm too much)" in told.text

@@ -18,6 +18,7 @@ from roslf_design.effects import Budget, PlanError, SceneBrief, plan
 from roslf_design.effects.lens import lens_aberrations
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
+from roslf_design.fates import ImageFate
 from roslf_design.lenses.glass import find_glass
 from roslf_design.lenses.prescription import Prescription, Surface
 from roslf_design.traced.camera import camera_of
@@ -208,6 +209,14 @@ def test_obliqueness_counts_behind_the_array_alone():
 
 
 TEXTURED = SceneBrief(smallest_period=2.0, hard_edges=True, wavelengths=(480e-6, 550e-6, 630e-6))
+
+
+def test_cut_images_are_no_distortion():
+    """Vignetting counts what is cut off them; their whole diameter was told as if they stood somewhere else."""
+    design, x_ml = load("paper-singlet"), 13.05
+    field = real_field(design, [(share * x_ml, 0.0) for share in (0.8, 1.0)])
+    assert field.images.status.tolist() == [ImageFate.FULL, ImageFate.CLIPPED]
+    assert lens_aberrations(design, x_ml).displaced == pytest.approx(field.rim_shift[0])
 
 
 def test_estimates_are_the_worst_over_the_field():
