@@ -29,6 +29,7 @@ from ..camera import Camera
 from ..depth.from_files import CaptureOptions, captured
 from ..design import PATHS, Design
 from ..errors import InputError, refusal
+from ..evaluation.required import required_depth
 from ..evaluation.specification import ASKED, Specification, resolved, specification
 from ..json_data import plain
 from ..progress import CountedProgress, silent
@@ -229,6 +230,14 @@ class _Measuring:
         camera = Camera.of(self.bench.design)
         return depth_budget(camera, ahead, build=self.build, calibration=self._calibrated[1])
 
+    def depth_error(self, ahead: float) -> tuple[float, str]:
+        """Error of depth that is in tolerance, U as required where the design requires one [mm]; and why, in words."""
+        expected, required = float(self.budget(ahead).expanded_mm), required_depth(self.bench.design, ahead)
+        words = f"depth, expected, U = {number(expected, 2)} mm"
+        if required is None:
+            return expected, words
+        return required, f"as required, U = {number(required, 2)} mm; {words}"
+
 
 def accepted(
     bench: Bench,
@@ -415,12 +424,12 @@ def _wall_lines(
     if on.sum() < LEAST_POINTS:
         yield f"depth, {at}: too few microlenses have a depth"
         return
-    plane, expanded = SurfaceFit.plane(points[on], sigma[on], window), float(m.budget(ahead).expanded_mm)
+    plane, (expanded, why) = SurfaceFit.plane(points[on], sigma[on], window), m.depth_error(ahead)
     own = math.sqrt(float(plane.covariance[0, 0]))
     yield AcceptanceLine(
         DEPTH, f"error of depth, {at}", "mm", float(plane.parameters[0]) - ahead,
         COVERAGE * math.hypot(own, m.placed * ahead), 0.0, (-expanded, expanded),
-        f"limits: depth, expected, U = {number(expanded, 2)} mm", COVERAGE * math.hypot(own, common),
+        f"limits: {why}", COVERAGE * math.hypot(own, common),
     )  # fmt: skip
     yield from _ranges(m, plane, "flatness error", "a plane", ahead, at)
 
@@ -438,7 +447,7 @@ def _sphere_lines(
     m: _Measuring, ahead: float, at: str, points: Array, sigma: Array, window: float, common: float
 ) -> Told:
     """Figures of a pair of spheres; arguments as of `_wall_lines`."""
-    target, expanded = m.bench.setup.spheres, float(m.budget(ahead).expanded_mm)
+    target, (expanded, why) = m.bench.setup.spheres, m.depth_error(ahead)
     reach = math.sqrt(window) / 2 * m.scale(ahead)[0]
     pair = SphereSpacing.of(points, sigma, window, target.diameter, target.spacing, reach)
     if pair is None:
@@ -447,7 +456,7 @@ def _sphere_lines(
     limits, claimed = (-expanded, expanded), COVERAGE * math.hypot(pair.sigma, common * target.spacing / ahead)
     yield AcceptanceLine(
         DEPTH, f"sphere-spacing error, {at}", "mm", pair.spacing - target.spacing,
-        COVERAGE * pair.sigma, 0.0, limits, "limits: depth, expected", claimed,
+        COVERAGE * pair.sigma, 0.0, limits, f"limits: {why}", claimed,
     )  # fmt: skip
     if pair.size is None:
         yield f"probing error, size, {at}: windows of depth are too wide or too noisy to tell these spheres' diameter"

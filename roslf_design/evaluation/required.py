@@ -356,6 +356,18 @@ def required_distances(design: Design, far: float) -> tuple[float, ...]:
     return tuple(places)
 
 
+def required_depth(design: Design, ahead: float) -> float | None:
+    """U of depth that a design requires at most at a distance ahead of the tip [mm]; None where it requires none."""
+    focus = float(quantity_named("working_distance_mm")(Camera.of(design)))
+    ends = [
+        COVERAGE * high
+        for asked, quantity, _, high in limits(design)
+        if quantity.name == "u_z_mm" and high is not None
+        if math.isclose(focus if asked.at is None else asked.at, ahead, rel_tol=1e-3)
+    ]
+    return min(ends, default=None)
+
+
 def load_beside(name: str, folder: Path) -> Design:
     """The design that a study in a folder names: a file beside it or, where there is none, a preset."""
     return as_design(name if name in preset_names() and not (folder / name).is_file() else folder / name)

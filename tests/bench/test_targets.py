@@ -18,6 +18,7 @@ from roslf_design.bench.targets import DOT, sheets, texture
 from roslf_design.calibration.corners import find_corners
 from roslf_design.calibration.model import Board
 from roslf_design.calibration.options import PlanOptions
+from roslf_design.evaluation.required import required_depth
 from roslf_design.reporting.bench.protocol import protocol_report
 from roslf_design.reporting.bench.targets import target_files
 from roslf_design.reporting.printers import render_pdf
@@ -200,6 +201,18 @@ def test_walls_stand_where_they_are_asked_for():
     right = float(depth_budget(camera, 330.0, calibration=plan.lengths).expanded_mm)  # as drawn, of no camera
     assert right > 2 * float(QUANTITIES["u_z_mm"](camera, 330.0))
     assert f"{right:.2g} mm at 330 mm (U, k = 2, as these boards alone calibrate)" in repr(protocol_report(plan))
+
+
+def test_a_wall_is_to_be_as_right_as_the_design_requires():
+    """Not as loosely as captures calibrate: a camera that fails what it requires would be accepted."""
+    design = roslf.load("paper").replace({"required": {"u_z_mm": {"at": 330.0, "max": 0.05}}})
+    plan = Protocol.of(design, PlanOptions(board="4x5 6 mm"))
+    alone = float(depth_budget(roslf.Camera.of(design), 330.0, calibration=plan.lengths).expanded_mm)
+    told = repr(protocol_report(plan))
+    assert "0.1 mm at 330 mm (U, k = 2, as these boards" in told
+    assert f"as required at 330 mm, not the {alone:.2g} mm that they calibrate to)" in told
+    assert required_depth(design, 330.0) == pytest.approx(0.1)
+    assert required_depth(design, 300.0) is None
 
 
 def test_a_protocol_says_at_which_temperature_it_is_captured():

@@ -8,6 +8,7 @@ from ...bench.captures import BoardPose, Distances
 from ...bench.protocol import BRIGHT, Protocol
 from ...bench.targets import PAPER_BAR
 from ...camera import Camera
+from ...evaluation.required import required_depth
 from ...lenses.glass import AIR
 from ...theory.depth_budget import depth_budget
 from ...theory.depth_error import temperatures_met
@@ -62,8 +63,13 @@ def _steps(protocol: Protocol) -> Table:
     design, setup, (low, high) = protocol.design, protocol.setup, protocol.counts
     camera = Camera.of(design)
     level = f"brightest {low} to {high} of {protocol.full} DN"
-    sure = [float(depth_budget(camera, at, calibration=protocol.lengths).expanded_mm) for at in setup.wall.at]
-    right = listed([f"{u:.2g} mm at {at:g} mm" for u, at in zip(sure, setup.wall.at, strict=True)])
+    right, instead = [], ""
+    for at in setup.wall.at:
+        alone = float(depth_budget(camera, at, calibration=protocol.lengths).expanded_mm)
+        required = required_depth(design, at)
+        right.append(f"{alone if required is None else required:.2g} mm at {at:g} mm")
+        if required is not None:
+            instead += f"; as required at {at:g} mm, not the {alone:.2g} mm that they calibrate to"
     begin = f"begin at {1e3 * float(exposure(camera)):.3g} ms, the design's"
     rows = [
         ("Warm up", "Lamp and camera on for 30 min. Set focus and stop, lock both: untouched from here on.", ""),
@@ -81,8 +87,8 @@ def _steps(protocol: Protocol) -> Table:
         ("Check", "roslf bench check, after every few boards: what is wrong, what to take next.", "check.html"),
         (
             "Flat wall",
-            f"Square to the axis; its depth is to be right to {right} (U, k = 2, as these boards alone calibrate)."
-            f"{_without_wall(protocol)}",
+            f"Square to the axis; its depth is to be right to {listed(right)}"
+            f" (U, k = 2, as these boards alone calibrate{instead}).{_without_wall(protocol)}",
             _names("wall", setup.wall.at),
         ),
         ("Edge", "In the middle of the field, square to the axis.", _names("edge", setup.edge.at)),
