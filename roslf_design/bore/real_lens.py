@@ -14,7 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, PlainSerializer, ValidationInfo
+from pydantic import BeforeValidator, PlainSerializer, SerializationInfo, ValidationInfo
 from pydantic_core import PydanticCustomError
 
 from ..lenses.lens_file import lens_of, load_lens, shipped_names, table_of
@@ -68,13 +68,14 @@ def _required(value: Any, info: ValidationInfo) -> Any:
     return _validated(value, info)
 
 
-def _written(lens: Prescription | None) -> str | dict[str, Any] | None:
+def _written(lens: Prescription | None, info: SerializationInfo) -> str | dict[str, Any] | None:
     """Text or table of a lens in a design file: its name where it ships, else a table of its own."""
     if lens is None:
         return None
-    if lens.name.lower() in shipped_names() and load_lens(lens.name.lower()) == replace(lens, name=lens.name):
+    table = table_of(lens, (info.context or {}).get("digits"))
+    if lens.name.lower() in shipped_names() and table_of(load_lens(lens.name.lower())) == table:
         return lens.name
-    return table_of(lens)
+    return table
 
 
 _WRITTEN = PlainSerializer(_written, return_type=Any, when_used="json")

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+from ..bore.part import TEMPERATURE
 from ..errors import InputError, Problem, expect, path_of
 from ..toml_files import nearest, parse_toml, read_toml
 from .check import DesignError
@@ -153,12 +154,15 @@ WRITTEN = 13
 def dumps(design: Design, digits: int | None = None) -> str:
     """Write a design as TOML text that `loads` turns into an equal design, or into one rounded to `digits`.
 
-    A length stays in the unit it was typed in. A real main lens that ships is written by its name, any other as a
+    Rounded, it is for a workshop: its lengths hold at 20 degrees C, whatever the camera is used at. A length stays in
+    the unit it was typed in. A real main lens that ships is written by its name, any other as a
     table, so that the text needs no lens file.
     """
     import tomli_w
 
     expect(design, "design", Design, "a Design")
+    if digits is not None and design.environment is not None:
+        design = design.at_room.unchecked({TEMPERATURE: design.environment.temperature})
     data: dict[str, Any] = design.model_dump(
         mode="json", exclude_none=True, exclude_defaults=True, context={"digits": digits}
     )

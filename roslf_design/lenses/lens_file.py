@@ -247,8 +247,8 @@ def _with_own_glass(row: Any, own: Mapping[str, Glass] | None) -> Any:
     return {**row, "glass": own.get(name.upper(), name)}
 
 
-def table_of(lens: Prescription) -> dict[str, Any]:
-    """The nested values of a lens file that `lens_of` turns into an equal lens."""
+def table_of(lens: Prescription, digits: int | None = None) -> dict[str, Any]:
+    """The nested values of a lens file that `lens_of` turns into an equal lens, or one rounded to `digits`."""
     data: dict[str, Any] = {key: text for key in ("name", "source") if (text := getattr(lens, key))}
     if lens.wavelength is not None:
         data["wavelength"] = format_quantity(lens.wavelength, "length")
@@ -256,7 +256,7 @@ def table_of(lens: Prescription) -> dict[str, Any]:
         data["temperature"] = format_quantity(lens.temperature, "temperature")
     if lens.clear_aperture is not None:
         data["clear_aperture"] = format_quantity(lens.clear_aperture, "length")
-    data["surfaces"] = [_row(surface) for surface in lens.surfaces]
+    data["surfaces"] = [_row(surface, digits) for surface in lens.surfaces]
     glasses = (surface.glass for surface in lens.surfaces)
     strange = (glass for glass in glasses if not is_shipped(glass) and not numbers_of(glass))
     own = {glass.name: replace(glass, offset=0.0, temperature=ROOM) for glass in strange}
@@ -265,29 +265,29 @@ def table_of(lens: Prescription) -> dict[str, Any]:
     return data
 
 
-def _row(surface: Surface) -> dict[str, Any]:
-    terms = {f"r{2 * i}": f"{a!r} mm^{1 - 2 * i}" for i, a in enumerate(surface.asphere, start=1) if a}
+def _row(surface: Surface, digits: int | None) -> dict[str, Any]:
+    terms = {f"r{2 * i}": f"{float(f'{a:.{digits or 17}g}')!r} mm^{1 - 2 * i}" for i, a in enumerate(surface.asphere, start=1) if a}
     row = {
-        "thickness": format_quantity(surface.thickness, "length") if surface.thickness else None,
+        "thickness": format_quantity(surface.thickness, "length", digits) if surface.thickness else None,
         "glass": numbers_of(surface.glass) or surface.glass.name if surface.glass != AIR else None,
         "index_offset": surface.glass.offset,
-        "diameter": format_quantity(2 * surface.semi_diameter, "length"),
+        "diameter": format_quantity(2 * surface.semi_diameter, "length", digits),
         "conic": surface.conic,
         "asphere": terms,
-        "shift": [format_quantity(value, "length") for value in surface.shift] if any(surface.shift) else None,
-        "tilt": [format_quantity(value, "angle") for value in surface.tilt] if any(surface.tilt) else None,
-        "irregularity": [format_quantity(value, "length") for value in surface.irregularity],
+        "shift": [format_quantity(value, "length", digits) for value in surface.shift] if any(surface.shift) else None,
+        "tilt": [format_quantity(value, "angle", digits) for value in surface.tilt] if any(surface.tilt) else None,
+        "irregularity": [format_quantity(value, "length", digits) for value in surface.irregularity],
     }
-    return _radius_text(surface.curvature) | {key: value for key, value in row.items() if value}
+    return _radius_text(surface.curvature, digits) | {key: value for key, value in row.items() if value}
 
 
-def _radius_text(curvature: float) -> dict[str, Any]:
-    """The shortest radius whose reciprocal is this very curvature, else the curvature itself."""
+def _radius_text(curvature: float, most: int | None) -> dict[str, Any]:
+    """The radius in so many digits; or the shortest whose reciprocal is this very curvature, else that itself."""
     if curvature == 0:
         return {"radius": "inf"}
-    for digits in range(1, 18):
+    for digits in range(1, 18) if most is None else (most,):
         radius = float(f"{1 / curvature:.{digits}g}")
-        if abs(radius) <= FARTHEST["length"] and 1 / radius == curvature:
+        if abs(radius) <= FARTHEST["length"] and (most is not None or 1 / radius == curvature):
             return {"radius": format_quantity(radius, "length")}
     return {"curvature": f"{Decimal(repr(curvature))} mm^-1"}
 

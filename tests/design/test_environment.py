@@ -8,7 +8,7 @@ import pytest
 import tomli_w
 
 from roslf_design import Camera, DesignError, evaluate, load, loads
-from roslf_design.design.files import dumps
+from roslf_design.design.files import WRITTEN, dumps
 from roslf_design.lenses.glass import find_glass
 from roslf_design.lenses.lens_file import _loads_lens, load_lens, table_of
 from roslf_design.lenses.prescription import first_order
@@ -133,6 +133,22 @@ def test_designs_and_cameras_warm_by_one_rule(name):
         assert both.build(1)[place] == pytest.approx(value, rel=3e-15, abs=1e-15), place
     assert hot.at_temperature(20).d_f == pytest.approx(cold.d_f, rel=1e-12)
     assert loads(dumps(hot)) == hot
+
+
+@pytest.mark.parametrize("name", ["paper", "paper-singlet", "arthroscope"])
+def test_files_for_workshops_have_sizes_as_drawings_do(name):
+    """The numbers that the file had, whatever the camera is used at; read again, they make the camera in use."""
+    hot, drawn = warm(name, 60, "titanium"), dumps(load(name), WRITTEN)
+    written = dumps(hot, WRITTEN)
+    assert "reference" not in written
+    found, wanted = tomllib.loads(written), tomllib.loads(drawn)
+    for key in ("aperture", "elements", "sensor"):
+        assert found.get(key) == wanted.get(key)
+    assert found["main_lens"].get("prescription") == wanted["main_lens"].get("prescription")
+    again = loads(written)
+    assert [getattr(again, key) for key in ("D", "f", "d_f", "d_1", "D_F", "d_3", "d", "d_2", "q")] == pytest.approx(
+        [getattr(hot, key) for key in ("D", "f", "d_f", "d_1", "D_F", "d_3", "d", "d_2", "q")], rel=1e-11
+    )
 
 
 def test_glass_keeps_touching_what_it_touches():
