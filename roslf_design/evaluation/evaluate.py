@@ -253,30 +253,30 @@ def _depth(design: Design, camera: Camera, budget: DepthBudget) -> Numbers:
 
 
 def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, float]], sigma: float) -> LookedThrough:
-    medium = design.object_space.medium
+    medium, room, cold = design.object_space.medium, design.at_room, camera.cold
     parts = [
         SeenPart(
             "focal plane",
             "" if medium == AIR else f"in {material_label(medium, design.wavelength)}",
-            float(camera[PATHS["d_f"]]),
+            float(cold[PATHS["d_f"]]),
             None,
-            float(camera.seen.d_f),
+            float(cold.seen.d_f),
             None,
         )
     ]
-    for (_, name, _, near, _), (_, _, element, *_) in zip(design.in_bore, design.at_room.in_bore, strict=True):
-        at = float(camera.plane(near).distance)
+    for _, name, element, near, _ in room.in_bore:
+        at = float(cold.plane(near).distance)
         parts.append(SeenPart(name, ", ".join(made_of(element)), near, None, at, None))
-    for rim, drawn in zip(camera.stop_openings, camera.cold.stop_openings, strict=True):
-        across, made = 2 * float(drawn.radius), drawn.outline.scaled(drawn.scale)
-        own, seen = (None, None) if made.straight else (across * float(drawn.scale), across)
+    for rim in cold.stop_openings:
+        across, made = 2 * float(rim.radius), rim.outline.scaled(rim.scale)
+        own, seen = (None, None) if made.straight else (across * float(rim.scale), across)
         sides = tuple(map(float, made.lengths)) if made.straight else None
         parts.append(SeenPart(rim.name, "opening", float(rim.ruler_distance), own, float(rim.distance), seen, sides))
     parts.sort(key=lambda part: -part.distance_mm)
-    glass = {plate.held_by: f"{plate.name} {', '.join(plate.part.words())}" for plate in design.plates}
+    glass = {plate.held_by: f"{plate.name} {', '.join(plate.part.words())}" for plate in room.plates}
     array, sensor = glass.get("microlens_array", ""), glass.get("sensor", "")
-    parts.append(SeenPart("MLA", array, design.d_1, None, float(camera.seen.d_1), None))
-    parts.append(SeenPart("sensor", sensor, design.d_2, None, float(camera.seen.d_2), None))
+    parts.append(SeenPart("MLA", array, room.d_1, None, float(cold.seen.d_1), None))
+    parts.append(SeenPart("sensor", sensor, room.d_2, None, float(cold.seen.d_2), None))
     index = float(medium.index(design.wavelength))
     return LookedThrough(medium.name, index, tuple(parts), _mapping(design, camera, axes, sigma))
 

@@ -300,8 +300,8 @@ class RealLens:
 class SeenPart:
     """Something that light passes, with a ruler and as the main lens sees it: through what stands between, as in air.
 
-    Distances are those before the main lens; of the MLA that behind it, of the sensor that behind the MLA. Sizes are
-    those at 20 degrees C.
+    Distances are those before the main lens; of the MLA that behind it, of the sensor that behind the MLA. All
+    are those at 20 degrees C, as drawings have them.
     """
 
     name: str

@@ -292,7 +292,7 @@ def seen_table(result: Evaluation) -> Table | None:
     rows = tuple(part.cells for part in through.parts)
     caption = (
         f"{through.around} Distances are mechanical: before the lens, of an element to its sensor side; of the MLA "
-        "behind the lens, of the sensor behind the MLA; sizes are those at 20 °C. In formulas d_f, d_3, D_F, d_1 and "
+        "behind the lens, of the sensor behind the MLA; all are those at 20 °C. In formulas d_f, d_3, D_F, d_1 and "
         "d_2 are as the main lens sees them."
     )
     headings = ("", "what", "distance", "diameter", "as the main lens sees it")

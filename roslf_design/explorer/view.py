@@ -29,6 +29,7 @@ from ..reporting.depth.pictures import normalised, profile
 from ..reporting.design.curves import depth_over_field, depth_precision, field_curve, matching_plane
 from ..reporting.design.effects import effects_budget
 from ..reporting.design.field import mla_map
+from ..reporting.design.figures import at_room
 from ..reporting.design.microlens import microlens_image, nearest_microlens
 from ..reporting.design.rays import meridional
 from ..reporting.optimise.pictures import change_bars, ends_differ, goal_front, search_history
@@ -284,7 +285,9 @@ def controls(state: State) -> dict[str, Any]:
     listed = [{"name": name, "fields": fields} for name, fields in groups.items() if name != WINDOW[0].group]
     lit = [{"name": name, "fields": [_control(f, state) for f in LIGHT if f.group == name]} for name in LIGHT_GROUPS]
     bore = {**_bore(state), "fields": groups.get(WINDOW[0].group, [])}
-    return {"groups": listed, "bore": bore, "light_groups": lit}
+    # What pictures and answers are told at, where that is not what lengths are typed at.
+    holds = at_room(state.design)[1].strip()
+    return {"groups": listed, "bore": bore, "light_groups": lit, "holds": holds}
 
 
 def _bore(state: State) -> dict[str, Any]:

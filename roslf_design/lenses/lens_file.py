@@ -266,7 +266,11 @@ def table_of(lens: Prescription, digits: int | None = None) -> dict[str, Any]:
 
 
 def _row(surface: Surface, digits: int | None) -> dict[str, Any]:
-    terms = {f"r{2 * i}": f"{float(f'{a:.{digits or 17}g}')!r} mm^{1 - 2 * i}" for i, a in enumerate(surface.asphere, start=1) if a}
+    terms = {
+        f"r{2 * i}": f"{float(f'{a:.{digits or 17}g}')!r} mm^{1 - 2 * i}"
+        for i, a in enumerate(surface.asphere, start=1)
+        if a
+    }
     row = {
         "thickness": format_quantity(surface.thickness, "length", digits) if surface.thickness else None,
         "glass": numbers_of(surface.glass) or surface.glass.name if surface.glass != AIR else None,

@@ -709,3 +709,14 @@ def test_a_distance_asked_for_twice_or_in_focus_stands_once():
     answer = roslf.evaluate("paper", at=[230.0, 200.0, 200.0]).answer
     assert [row.at_mm for row in answer.at] == pytest.approx([230.0, 200.0])
     assert roslf.evaluate("paper").value("u_z_mm") == answer.at[0].u_z_mm
+
+
+def test_parts_of_a_warm_camera_are_told_at_one_temperature():
+    """Distances as well as diameters are the file's own, at 20 degrees C, as drawings have them."""
+    plate = {"kind": "plate", "distance": 122.0, "thickness": 1.0, "material": "sapphire", "diameter": 8.0}
+    design = PAPER.replace({"elements": [plate], "main_lens.focal_plane": 423.0})
+    text = '[environment]\ntemperature = "60 degC"\nhousing = "titanium"\n'
+    result = roslf.evaluate(roslf.loads(f"{roslf.dumps(design)}\n{text}"))
+    rows = {row[0]: row for row in seen_table(result).rows}
+    assert (rows["plate 1"][2], *rows["FAP"][2:4]) == ("122 mm", "120 mm", "2.9 mm")
+    assert rows["focal plane"][2] == "423 mm"

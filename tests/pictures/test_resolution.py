@@ -4,6 +4,7 @@ import numpy as np
 
 import roslf_design as roslf
 from roslf_design.drawing.marks import Image, Line, Text
+from roslf_design.reporting.design.curves import KnownLengths, depth_precision
 from roslf_design.reporting.sheet.lines import basis, datasheet_section
 from roslf_design.reporting.sheet.resolution import mtf_curves, resolution_map
 from roslf_design.theory.quantities import QUANTITIES
@@ -59,3 +60,11 @@ def test_numbers_of_lines_are_clear_of_each_other_and_of_the_rim():
         left, top, width, tall = panel.box
         assert left + 8 < place[0] < left + width - 8
         assert top + 6 < place[1] < top + tall - 6
+
+
+def test_curves_over_distance_reach_what_is_asked_for():
+    assert resolution_map(SCOPE).panels[0].x.high < 400
+    asked = resolution_map(SCOPE, (4.0, 400.0)).panels[0].x
+    assert (asked.low, asked.high) == (4.0, 400.0)
+    drawn = depth_precision(SCOPE, known=KnownLengths(at=(4.0, 400.0))).panels[0].x
+    assert drawn.low <= 4 < 400 <= drawn.high

@@ -77,6 +77,8 @@ class KnownLengths:
 
     build: LengthCovariance | None = None
     calibration: CalibratedLengths | None = None
+    at: tuple[float, ...] = ()
+    """Distances ahead of the tip that were asked for [mm], which curves reach."""
 
     def budget(self, camera: Camera, at: Array | float | None) -> DepthBudget:
         """Budget of depth at distances ahead of the tip [mm]; None is the focal plane."""
@@ -115,11 +117,11 @@ class _DepthCurve(NamedTuple):
 
 
 def _shown_range(design: Design, camera: Camera, known: KnownLengths) -> tuple[float, float, tuple[float, ...]]:
-    """Ends of the distances that are drawn, and the focal plane and those that the design requires something at [mm].
+    """Ends of the distances that are drawn, and the focal plane and those that are asked for [mm].
 
-    The working range with the focal plane and what is required; where there is none, about the focal plane.
+    The working range with the focal plane and what is required or asked for; about the focal plane where there is none.
     """
-    focus, required = float(focus_ahead(camera)), required_distances(design, math.inf)
+    focus, required = float(focus_ahead(camera)), (*required_distances(design, math.inf), *known.at)
     if not 0 < focus < math.inf:
         return ABOUT[0] * focus, ABOUT[1] * focus, ()
     near, far = WorkingRange.of(camera, partial(known.budget, camera)).ends or (ABOUT[0] * focus, ABOUT[1] * focus)
@@ -130,7 +132,7 @@ def _shown_range(design: Design, camera: Camera, known: KnownLengths) -> tuple[f
 
 @lru_cache(maxsize=2)
 def _depth_curve(design: Design, points: int = 241, known: KnownLengths = DRAWN) -> _DepthCurve:
-    """Depth, expected, over the working range and all distances required."""
+    """Depth, expected, over the working range and all distances required or asked for."""
     camera = Camera.of(design)
     low, high, among = _shown_range(design, camera, known)
     focus, spaced = float(focus_ahead(camera)), np.geomspace if high > DECADES * low > 0 else np.linspace

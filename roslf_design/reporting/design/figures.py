@@ -201,7 +201,7 @@ def depth_figure(design: Design, known: KnownLengths = DRAWN, more: str = "", ta
     caption = (
         f"Depth, expected, 1 σ, {counted_lengths(budget)}: {uncertainty(float(budget.u_z_mm), 3)} at the focal plane, "
         "which a measurement is to be believed to, and below it the bound, over the working range and all distances "
-        f"that the design requires something at.{more}"
+        f"that are required or asked for.{more}"
     )
     return Figure.of("depth", "Depth, expected, over distance", caption, depth_precision(design, (PAGE, tall), known))
 

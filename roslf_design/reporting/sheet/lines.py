@@ -249,7 +249,7 @@ class SpreadSources(NamedTuple):
     @property
     def known(self) -> KnownLengths:
         """Knowledge of lengths that depth, expected, is drawn with: as built, else as a first look builds them."""
-        return KnownLengths(self.looked if self.build is None else self.build, self.calibration)
+        return KnownLengths(self.looked if self.build is None else self.build, self.calibration, self.at)
 
     @property
     def words(self) -> str:
@@ -696,7 +696,7 @@ def datasheet_section(grounds: SpreadSources) -> Section:
         "pupil as the stops cut it, at microlenses, their width, the pixel, defocus. Detail beyond the dashed line is "
         "sampled less than twice a period and aliases."
     ) + words.curves
-    drawn = resolution_map(grounds.design)
+    drawn = resolution_map(grounds.design, grounds.at)
     mapped = (
         "Detail that the image refocused to each distance shows with half its contrast; the lower of tangential and "
         "sagittal. "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -69,10 +70,10 @@ def mtf_curves(design: Design, images: IdealImages | DesignImages | None = None)
     return beside("mtf", f"MTF of {design.name} at its focal plane, over detail in lp/mm", pictures, keys)
 
 
-def resolution_map(design: Design) -> Picture:
+def resolution_map(design: Design, at: Sequence[float] = ()) -> Picture:
     """Detail at MTF 50 % of the refocused image, over distance ahead of the tip and field towards the corner.
 
-    A curve over distance where the corner shows as much as the middle.
+    It reaches distances asked for, `at` [mm]. A curve over distance where the corner shows as much as the middle.
     """
     camera = Camera.of(design)
     low, high = (np.array([float(v) for v in end]) for end in sensor_field(camera))
@@ -81,7 +82,8 @@ def resolution_map(design: Design) -> Picture:
     places = on_array(camera, middle + share[:, None] * (high - middle))
     images = images_of(design, places)
     near, focus, far = (at for _, at in planes(camera))
-    ends = float(near), float(min(far, BEYOND * focus))  # farther out hardly anything changes
+    reached = (float(near), float(min(far, BEYOND * focus)), *at)  # farther out hardly anything changes
+    ends = min(reached), max(reached)
     deep = ends[1] > DEEP * ends[0]
     spaced = np.geomspace if deep else np.linspace
     distances = spaced(*ends, ROWS)
