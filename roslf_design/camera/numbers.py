@@ -13,6 +13,7 @@ from ..bore.part import TEMPERATURE, Number
 from ..design import Design
 from ..design.check import at
 from ..design.parts import PATHS
+from ..units import COLDEST, HOTTEST
 from ..words import in_file
 
 TYPES = f"{PATHS['f_ml']}s."
@@ -84,6 +85,8 @@ def possible(numbers: Mapping[str, Number], signed: Collection[str]) -> Iterator
             yield f"{in_file(place)} is 90 degrees or more", np.abs(value) < np.pi / 2
             continue
         yield f"{in_file(place)} is not finite", np.isfinite(value)
+        if place in (TEMPERATURE, *TEMPERATURES):
+            yield f"{place} is beyond {COLDEST:g} to {HOTTEST:g} degC", np.clip(value, COLDEST, HOTTEST) == value
         if place in (TEMPERATURE, HIATUS, *TEMPERATURES, PATHS["d_f"], PATHS["d_3"]):
             continue
         if place == TIP or (name.endswith("distance") and part in ("stops", "elements")):

@@ -192,6 +192,6 @@ def unit_of(place: str) -> str:
     """Base unit of a place: "mm" of lengths, "rad" of angles, "degC" of temperatures, none of plain numbers."""
     if any(f".{pose}." in place for pose in ("tilt", "wedge")):
         return "rad"
-    if place.startswith("environment.") or place == "temperature":
+    if place.startswith("environment."):
         return "degC"
     return UNITS.get(place.rpartition(".")[2], "mm")

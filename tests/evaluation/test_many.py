@@ -66,3 +66,12 @@ def test_at_a_distance_and_at_a_temperature():
     assert roslf.evaluate("cystoscope", temperature=37) != roslf.evaluate("cystoscope")
     with pytest.raises(roslf.DesignError, match="at most 150"):
         roslf.evaluate("cystoscope", temperature=500)
+
+
+def test_no_camera_is_swept_beyond_the_temperatures_that_one_may_have():
+    warm = roslf.load("video-otoscope").replace({"environment": {"housing": "stainless steel", "range": (0.0, 40.0)}})
+    for place in ("environment.temperature", "environment.range.1"):
+        swept = roslf.sweep(warm, {place: [-400.0, 20.0, 600.0]}, ["fill_factor"])
+        assert swept.valid.tolist() == [False, True, False]
+        assert np.isnan(swept.values["fill_factor"]).tolist() == [True, False, True]
+        assert "150" in " ".join(swept.refused(warm))
