@@ -56,9 +56,13 @@ class _Violation:
         """Value with its unit, or none."""
         return "none" if math.isnan(self.value) else f"{number(self.value)} {self.unit}".rstrip()
 
+    @property
+    def held(self) -> bool:
+        """Whether it is held in all digits that are told."""
+        return number(self.value) == number(self.wanted)
+
     def __str__(self) -> str:
-        held = number(self.value) == number(self.wanted)
-        return f"{self.asked} ({'at its limit' if held else f'got {self.value_words}'})"
+        return f"{self.asked} ({'at its limit' if self.held else f'got {self.value_words}'})"
 
 
 @dataclass(frozen=True)
@@ -126,13 +130,16 @@ class Conflict:
         doubt = "" if self.complete else " (a smaller set was not excluded before the budget was spent)"
         views = ", of microlenses that image the pupil (microlens_in_focus = true lets f_ml follow)" * self.by_views
         clash = "these cannot hold together:" if len(self.clashing) > 1 else "nothing holds"
-        return f"within the bounds, {clash} {' and '.join(map(str, self.clashing))}{views}{doubt}"
+        told = {one.limit: one.value_words for one in self.violations}
+        alone = any(told.get(one.limit, one.value_words) != one.value_words for one in self.clashing)
+        alone_words = ", all other limits left out" * alone
+        return f"within the bounds, {clash} {' and '.join(map(str, self.clashing))}{alone_words}{views}{doubt}"
 
     @property
     def missed(self) -> str:
-        """Further limits that the least-violating point misses, with what it has there, in words; empty where none."""
-        known = {one.limit for one in self.clashing}
-        got = [str(one) for one in self.violations if one.limit not in known]
+        """Limits that the least-violating point misses, but for digits, by else than `reason` has, in words."""
+        known = {(one.limit, one.value_words) for one in self.clashing}
+        got = [str(one) for one in self.violations if not one.held and (one.limit, one.value_words) not in known]
         return f"The least-violating point misses {listed(got)}." if got else ""
 
     def to_dict(self) -> dict[str, Any]:

@@ -5,6 +5,7 @@ import math
 import re
 import sys
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from roslf_design.camera import Camera
 from roslf_design.catalogue import load_catalogue, rows
 from roslf_design.cli import main
 from roslf_design.design import save
+from roslf_design.optimization.conflict import Conflict, _Violation
 from roslf_design.optimization.study import read_study
 from roslf_design.optimization.study import run as run_study
 from roslf_design.reporting.blocks import Statements, Table
@@ -150,6 +152,22 @@ def test_a_limit_that_nothing_varies_is_refused_before_any_search(capsys, tmp_pa
     )
     assert "nothing that varies (" in first
     assert not (tmp_path / "out").exists()
+
+
+def test_a_conflict_names_what_is_missed_and_nothing_that_is_held():
+    """Limits held in all digits told were missed by their words, the one that is missed was not among them."""
+    far = _Violation("detail at 25 mm >=", 5.7473, 12.0, "lp/mm")
+    conflict = Conflict(
+        np.zeros(1),
+        1.0,
+        violations=(far, _Violation("detail at 40 mm >=", 2.4999999, 2.5, "lp/mm")),
+        clashing=(replace(far, value=9.2286),),
+    )
+    assert conflict.missed == "The least-violating point misses detail at 25 mm >= 12 lp/mm (got 5.7473 lp/mm)."
+    assert conflict.reason.endswith("(got 9.2286 lp/mm), all other limits left out")
+    same = replace(conflict, clashing=(far,))
+    assert same.missed == ""
+    assert same.reason.endswith("(got 5.7473 lp/mm)")
 
 
 def test_an_impossible_study_exits_0_and_says_so(capsys, tmp_path):
@@ -324,6 +342,14 @@ def test_a_share_is_told_as_it_was_applied(capsys, tmp_path):
     (miss,) = found["robust"]["perturbations"]
     assert miss["tolerance"] == pytest.approx(0.002 * found["robust"]["robust_variables_mm"]["f"], rel=1e-9)
     assert miss["tolerance_nominal"] == pytest.approx(0.002 * found["variables_mm"]["f"], rel=1e-9)
+
+
+def test_a_design_that_no_search_ended_at_is_said_to_be_met_on_the_way():
+    """`0 of 2 starts ended at this design (0 at a feasible one)` stood beside a design that holds every limit."""
+    result = run_study(read_study(tomllib.loads(GOOD), design=PAPER))
+    lost = replace(result.answer, searches=tuple(replace(one, violation=1.0) for one in result.answer.searches))
+    told = " ".join(one.text for one in statements(replace(result, answer=lost)))
+    assert f"None of {len(lost.searches)} starts ended at a feasible design: this one was met on the way;" in told
 
 
 def test_a_page_shows_the_camera_before_and_after_and_what_a_yield_of_depth_leaves_out():

@@ -330,10 +330,11 @@ def _about_front(front: Front) -> Iterator[Statement]:
 
 def _agreement(answer: Answer) -> Statement:
     same = len(answer.equals)
-    text = (
-        f"{same} of {len(answer.searches)} starts ended at this design ({answer.reached} at a feasible one); "
-        f"{answer.evaluations} evaluations"
-    )
+    starts = len(answer.searches)
+    text = f"{same} of {starts} starts ended at this design ({answer.reached} at a feasible one)"
+    if not answer.reached:
+        text = f"None of {starts} starts ended at a feasible design: this one was met on the way"
+    text += f"; {answer.evaluations} evaluations"
     doubts = [check.solver for check in answer.checks if not answer.agrees(check)]
     if answer.checks and not doubts:
         names = " and ".join(check.solver for check in answer.checks)
