@@ -46,7 +46,7 @@ from .sensitivities import (
     sensitivity,
     sobol_indices,
 )
-from .study import MOST_TRIALS, Adjuster, Study, TolerancePlan, make_plan
+from .study import CALIBRATION, MOST_TRIALS, Adjuster, Study, TolerancePlan, make_plan
 from .summaries import Variant, correlations, summarise
 from .tally import Tally
 from .traced import notes
@@ -441,6 +441,11 @@ def _warnings(
         yield (
             f"the nominal design itself misses {', '.join(misses)}: "
             "no tolerance can mend that, and inverse sensitivity is left out"
+        )
+    if plan.calibrated and variants[-1].limits == variants[0].limits:
+        yield (
+            f"{CALIBRATION} moves none of these limits: it teaches the decoder each build and moves no part; without "
+            "that compensator the study answers the same, sooner"
         )
     for column in variants[-1].distributions:
         if column.undefined:

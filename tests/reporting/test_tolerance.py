@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+import re
 import tomllib
 from dataclasses import replace
 from types import SimpleNamespace
@@ -28,6 +29,7 @@ from roslf_design.reporting.tolerance.pages import (
     tolerance_pictures,
     tolerance_report,
 )
+from roslf_design.tolerancing.budgets import Change, ToleranceBudget
 from roslf_design.tolerancing.metrics import Question
 from roslf_design.tolerancing.result import WorstTrial, analyse, save_worst
 from roslf_design.tolerancing.run import tally_chunk
@@ -358,6 +360,27 @@ def test_the_remedy_is_true_of_what_was_tried(goal, misses, budgets, kind, said)
     assert best.result.interval[0] >= 0.95
     singles = [change for change in result.budget.changes if change.kind in ("grade", "tightening")]
     assert bool(singles) == ("No single tolerance" not in statement.remedy)
+
+
+def test_a_change_for_another_limit_than_the_weakest_says_for_which():
+    """The table's r² is of the weakest limit alone: 0 of the array's distance, which a cure asks to be tighter."""
+    far = {"metric": "working_distance_mm", "min": "229.5 mm", "max": "230.5 mm"}
+    goals = [{"metric": "fill_factor", "min": 0.999, "max": 1.01}, far]
+    misses = [MISSES[0], {"place": "d_1", "tolerance": "0.2 mm"}]
+    result = analysed({"trials": 600, "goals": goals, "perturb": misses})
+    steps = tuple((place, "high", 0.01) for place in ("sensor.distance", "microlens_array.distance"))
+    held = result.final.result
+    budget = ToleranceBudget(0.95, (Change("several grades", steps, 1.0, held),), (), held)
+    (told,) = (one for one in tables(replace(result, budget=budget)) if one.title.startswith("Changes that reach"))
+    assert re.search(r" d_1 is for working distance: (100|99) % of its variance\.$", told.caption)
+
+
+def test_a_calibration_that_helps_no_limit_is_said_to_help_none():
+    goals = [{"metric": "fill_factor", "min": 0.999, "max": 1.01}]
+    data = {"trials": 64, "goals": goals, "perturb": MISSES[:1]}
+    words = "calibration moves none of these limits"
+    assert words in summary(analysed(data | {"compensators": [{"place": "calibration"}]}))
+    assert words not in summary(analysed(data))
 
 
 def test_the_head_names_what_is_required_and_builds_fall_short_of():

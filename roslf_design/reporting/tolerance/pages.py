@@ -61,6 +61,8 @@ TOLERANCE_WIDTHS = {
 """Widths of the columns of tolerances; their sources have the rest."""
 MOST_ROWS = 15
 """Tolerances that a table shows."""
+MOVES = 0.05
+"""Share of a limited number's variance from which on a part is said to move it."""
 MOST_CHANGES = 8
 """Changes that a table shows."""
 QUANTILES = 5
@@ -307,7 +309,7 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
         least = f"Every build {_of_those(result)}holds every limit; least margin is left to {in_words(weakest.label)}."
     yield Statement("plain" if share >= 100 * result.study.yield_target else "caution", least)
     ranked = ranking(result)
-    if ranked and ranked[0][1] > 0.05:
+    if ranked and ranked[0][1] > MOVES:
         place, part = ranked[0]
         name = short_name(place, result.plan.question.design)
         told = f"{name} moves {in_words(weakest.label)} most: {100 * part:.0f} % of its variance"
@@ -508,7 +510,7 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
             f"What reaches {100 * budget.target:.4g} % for sure, cheapest first: with all of the yield's interval, on "
             "builds that it was not found by. "
             "Cost: more than now, in the unit of the grades' file (as shipped, 1 is the part in its loosest grade); a "
-            "tolerance between two grades by its logarithm."
+            f"tolerance between two grades by its logarithm.{_for_other_limits(result, budget)}"
         )
         yield Table.of(budget.changes[:MOST_CHANGES], columns, "Changes that reach the target yield", caption)
     if adjusted := _adjustments(result):
@@ -531,6 +533,20 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
             + ". Saves: of the part's cost, in that unit (as shipped, 1 is its loosest grade)."
         )
         yield Table.of(budget.looser, shown, "Tolerances to relax", caption)
+
+
+def _for_other_limits(result: StudyResult, budget: ToleranceBudget) -> str:
+    """Sentences on what changes ask of parts for another limit than the weakest, of which the tolerances' r² is."""
+    columns, shares = [column.label for column in result.plan.columns], result.correlations**2
+    asked = {place for change in budget.changes if "tolerances" not in change.kind for place, _, _ in change.steps}
+    told = []
+    for k, place in enumerate(_places(result)):
+        label = max((limit.label for limit in result.final.limits), key=lambda one: shares[columns.index(one), k])
+        share, own = shares[columns.index(label), k], shares[_weakest_row(result), k]
+        if {place, place.rpartition(".")[0]} & asked and own < MOVES <= share:
+            name = short_name(place, result.plan.question.design)
+            told.append(f" {name} is for {in_words(label)}: {100 * share:.0f} % of its variance.")
+    return "".join(told)
 
 
 def _adjustments(result: StudyResult) -> tuple[Change, ...]:
