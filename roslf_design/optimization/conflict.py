@@ -137,10 +137,10 @@ class Conflict:
 
     @property
     def missed(self) -> str:
-        """Limits that the least-violating point misses, but for digits, by else than `reason` has, in words."""
-        known = {(one.limit, one.value_words) for one in self.clashing}
-        got = [str(one) for one in self.violations if not one.held and (one.limit, one.value_words) not in known]
-        return f"The least-violating point misses {listed(got)}." if got else ""
+        """Further limits that the least-violating point misses in the digits told, with what it has there, in words."""
+        known = {one.limit for one in self.clashing}
+        got = [str(one) for one in self.violations if one.limit not in known and not one.held]
+        return f"The least-violating point misses {listed(got)} as well." if got else ""
 
     def to_dict(self) -> dict[str, Any]:
         """As results have it."""

@@ -154,20 +154,16 @@ def test_a_limit_that_nothing_varies_is_refused_before_any_search(capsys, tmp_pa
     assert not (tmp_path / "out").exists()
 
 
-def test_a_conflict_names_what_is_missed_and_nothing_that_is_held():
-    """Limits held in all digits told were missed by their words, the one that is missed was not among them."""
+def test_a_conflict_names_nothing_as_missed_that_is_held():
+    """Limits held in all digits told were missed by their words; what a limit comes to without the others says so."""
     far = _Violation("detail at 25 mm >=", 5.7473, 12.0, "lp/mm")
-    conflict = Conflict(
-        np.zeros(1),
-        1.0,
-        violations=(far, _Violation("detail at 40 mm >=", 2.4999999, 2.5, "lp/mm")),
-        clashing=(replace(far, value=9.2286),),
-    )
-    assert conflict.missed == "The least-violating point misses detail at 25 mm >= 12 lp/mm (got 5.7473 lp/mm)."
+    near = _Violation("detail at 40 mm >=", 2.4999999, 2.5, "lp/mm")
+    conflict = Conflict(np.zeros(1), 1.0, violations=(far, near), clashing=(replace(far, value=9.2286),))
+    assert conflict.missed == ""
     assert conflict.reason.endswith("(got 9.2286 lp/mm), all other limits left out")
-    same = replace(conflict, clashing=(far,))
-    assert same.missed == ""
-    assert same.reason.endswith("(got 5.7473 lp/mm)")
+    assert replace(conflict, clashing=(far,)).reason.endswith("(got 5.7473 lp/mm)")
+    missed = replace(conflict, violations=(far, replace(near, value=2.4))).missed
+    assert missed == "The least-violating point misses detail at 40 mm >= 2.5 lp/mm (got 2.4 lp/mm) as well."
 
 
 def test_an_impossible_study_exits_0_and_says_so(capsys, tmp_path):
