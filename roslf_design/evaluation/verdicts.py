@@ -170,15 +170,14 @@ def _windows_to_rim(design: Design, camera: Camera) -> Iterator[Verdict]:
         known = named_window(part)
         if known is None or across is None or across <= known.aperture * (1 + FEASIBLE):
             continue
-        clear, stated = known.aperture, known.clear_aperture is not None
+        clear = known.aperture
         key = f"{at}.diameter"
         narrower = corner_room(camera.replace({key: clear * float(camera[key]) / across}))
         if not np.any((narrower < 0) & (narrower < corner_room(camera))):
             continue
-        sure = f"its maker guarantees {length(clear)}" if stated else f"{length(clear)}, 90 %, are taken as clear"
         text = (
-            f"clear aperture: all {length(across)} of {the(name)} ({part}) count, of which {sure}, and the "
-            "field needs more than that"
+            f"clear aperture: all {length(across)} of {the(name)} ({part}) count, of which {length(clear)}, 90 %, are "
+            "taken as clear, and the field needs more than that"
         )
         remedy = f'{in_file(key)} = "{length(clear)}" counts no more than that'
         yield Verdict("clear_aperture", False, "limit", text, remedy)
@@ -406,7 +405,7 @@ def _fits(camera: Camera) -> Verdict:
     ]
     text = f"does not fit inside the tube: {holds}; too wide: {', '.join(parts)}{uncounted}"
     ways = f"smaller ones, or a tube of {on_side(max(needed for _, needed in wide) + 2 * wall, True, 4)} mm outside"
-    behind = {float(camera.tip - part.place): part.name for part, _ in wide}
+    behind = {float(camera.cold.tip - part.place): part.name for part, _ in wide}
     if tube.LENGTH not in camera.numbers and (far := [ahead for ahead in behind if ahead > outer]):
         ways += f"; where it ends before {the(behind[min(far)])}, say so: [tube] length, below {number(min(far), 4)} mm"
     return Verdict.of("fits_tube", text, ways)

@@ -299,7 +299,7 @@ def _tube_remark(c: Camera) -> str:
 def _length_remark(c: Camera) -> str:
     turning = " and ".join(dict.fromkeys(part.kind for part in c.chain.folding))
     unfolded = f", unfolded along the light: the housing turns with the {turning}" if turning else ""
-    between = f", H to H' of the main lens ({number(float(c.hiatus), 4)} mm) in it" if c.hiatus else ""
+    between = f", H to H' of the main lens ({number(float(c.cold.hiatus), 4)} mm) in it" if c.hiatus else ""
     cold = tube.cold_words(c)
     return f"tip to sensor{between}{unfolded}{cold and f'; {cold}'}"
 

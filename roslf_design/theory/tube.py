@@ -155,7 +155,7 @@ def room(c: Camera) -> Array:
 
 def widest_fap(c: Camera) -> Array:
     """Diameter up to which a FAP fits the tube, and the main lens lets all of its light through [mm]."""
-    return np.minimum(room(c), c.D)
+    return np.minimum(room(c), c.cold.D)
 
 
 def walls(c: Camera) -> tuple[str, str]:

@@ -76,7 +76,6 @@ def test_a_window_counts_no_more_than_is_clear_where_the_field_needs_it():
     window = 'kind = "plate"\ndistance = "9.3 mm"\npart = "sapphire 6 x 1 mm"\ndiameter = "6 mm"'
     known = named_window("sapphire 6 x 1 mm")
     assert known.aperture == pytest.approx(5.4)
-    assert known.clear_aperture is None
     (told,) = verdicts(roslf.loads(HEAD % window), "clear_aperture")
     assert "all 6 mm of plate 1 (sapphire 6 x 1 mm) count, of which 5.4 mm, 90 %, are taken as clear" in told.text
     near = window.replace("9.3 mm", "1.2 mm")  # where pencils are together
