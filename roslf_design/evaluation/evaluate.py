@@ -137,16 +137,7 @@ def evaluate(
     camera = Camera.of(design)
     limit = field_limit(camera)
     f_number, sampling = Numbers.of(camera, "f_number"), Numbers.of(camera, "sampling")
-    bounds: dict[str, Any] = {
-        "x0_max_mm": limit.radius,
-        "x_ml_max_mm": limit.mla_radius,
-        "room_at_corner_mm": limit.clearance,
-        "nearest_rim": limit.nearest,
-        "limited_by": limit.rim,
-        "cut_beyond_mm": limit.cuts[0].beyond_mm if limit.cuts else math.inf,
-        "cut_by": [cut._asdict() for cut in limit.cuts],
-    }
-    non_distortion = Numbers.of(camera, "non_distortion", bounds, undistorted_in_field=not limit.cuts)
+    non_distortion = Numbers.of(camera, "non_distortion", limit.numbers, undistorted_in_field=not limit.cuts)
     images = evaluate_fields(design, axes, rays)
     pupil = _size(camera.fap.outline, float(exit_pupil.exit_pupil_diameter(camera)))
     image = _size(camera.fap.outline, float(exit_pupil.microlens_image_diameter(camera)))

@@ -196,9 +196,8 @@ def requirements(
         where = "" if field is None else f" in the field's {field}"
         where += "" if asked.at is None else f" at {number(asked.at, 4)} mm"
         label = (quantity.label or quantity.name) + where
-        at, known = asked.at, None if undefined else value
+        at, known, only, remedy = asked.at, None if undefined else value, "", ""
         counts = counted[quantity.name](at) if quantity.name in counted and not undefined else ""
-        only = remedy = ""
         of_detail = quantity.unit == "lp/mm"
         fold = float(quantity_named("fold_lp_per_mm")(camera, at)) if of_detail else math.inf
         aliases = (
@@ -231,8 +230,7 @@ def requirements(
         if quantity.of_views and not has_views(camera):
             remedy = f"pixels are no views, which it is of: {pupil_remedy(camera)}"
         if quantity.name == "detail_lp_per_mm" and not undefined and field is None:
-            there = shown.detail_in("corner", at)
-            corner = there.usable_lp_per_mm or 0.0
+            corner = shown.detail_in("corner", at).usable_lp_per_mm or 0.0
             counts = "; ".join(
                 filter(None, (counts, f"in the middle; in the field's corner {number(corner, 3)} lp/mm"))
             )

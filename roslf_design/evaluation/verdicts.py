@@ -332,7 +332,7 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
         )
         return Verdict.of("field_undistorted", text, by_thin)
     bound = "at any field"
-    leaning = any(rim.leans for rim in camera.rims if rim.opening == thin.limited_by)
+    leaning = thin.limited_by in [camera.rims[k].opening for k in camera.leaning]
     if leaning and thin.x0_max_mm < thin.field_half_diagonal_mm * (1 - FEASIBLE):
         bound = (
             f"over all that the sensor sees; {the(thin.limited_by)}, which leans, would cut beyond "

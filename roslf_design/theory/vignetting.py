@@ -8,7 +8,7 @@ at distance 0, which is Eq. 6.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -145,16 +145,6 @@ def field_margins(c: Camera) -> Array:
     return np.stack([radii, *np.broadcast_arrays(room, taken)], axis=1)
 
 
-class _Cut(NamedTuple):
-    """Cut by one rim of pencils from what the sensor sees."""
-
-    rim: str
-    beyond_mm: float
-    """Object radius beyond which that rim cuts [mm]."""
-    clearance_mm: float
-    """Room at the field's farthest corner, below 0, on the rim's plane [mm]."""
-
-
 class _FieldLimit(NamedTuple):
     """Limit of the undistorted field of one camera."""
 
@@ -168,9 +158,23 @@ class _FieldLimit(NamedTuple):
     """Least room between a pencil and any rim at the field's farthest corner, on the rim's plane [mm]."""
     nearest: str
     """The rim that leaves that."""
-    cuts: tuple[_Cut, ...]
-    """Rims that cut what the sensor sees, by more than an optimiser's rounding may leave, the first of them first. It
-    cuts beyond `radius` where a rim that leans ends that in a direction that the sensor does not see."""
+    cuts: list[dict[str, Any]]
+    """Rims that cut what the sensor sees, by more than an optimiser's rounding may leave, the first of them first: each
+    with the object radius beyond which it does and the room at the farthest corner, below 0 [mm]. The first cuts beyond
+    `radius` where a rim that leans ends that in a direction that the sensor does not see."""
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """Numbers by their keys in the JSON of an evaluation."""
+        return {
+            "x0_max_mm": self.radius,
+            "x_ml_max_mm": self.mla_radius,
+            "room_at_corner_mm": self.clearance,
+            "nearest_rim": self.nearest,
+            "limited_by": self.rim,
+            "cut_beyond_mm": self.cuts[0]["beyond_mm"] if self.cuts else np.inf,
+            "cut_by": self.cuts,
+        }
 
 
 def field_limit(c: Camera) -> _FieldLimit:
@@ -186,7 +190,11 @@ def field_limit(c: Camera) -> _FieldLimit:
     nearest, slack = int(np.argmin(rooms)), ROUNDING * float(c.D)
     first, *others = sorted(range(len(rooms)), key=lambda k: (rooms[k] >= -slack, bounds[k], rooms[k]))
     real = on_focal_plane(c, bounds).tolist()
-    cuts = [_Cut(c.rims[k].opening, real[k], rooms[k]) for k in (first, *others) if rooms[k] < -slack]
+    cuts = [
+        {"rim": c.rims[k].opening, "beyond_mm": real[k], "clearance_mm": rooms[k]}
+        for k in (first, *others)
+        if rooms[k] < -slack
+    ]
     ends, names = int(np.argmin(bounds)), (c.rims[first].opening, c.rims[nearest].opening)
     on_array = float(bounds[ends]) / abs(float(c.seen.inverse_m))
-    return _FieldLimit(real[ends], on_array, names[0], rooms[nearest], names[1], tuple(cuts))
+    return _FieldLimit(real[ends], on_array, names[0], rooms[nearest], names[1], cuts)
