@@ -59,6 +59,20 @@ def test_a_prism_whose_field_is_too_wide_for_total_reflection_needs_a_coating():
     assert "coating" in told.remedy
 
 
+@pytest.mark.parametrize("turned", [1, -1])
+def test_light_from_where_the_axis_does_not_turn_meets_a_prism_s_face_straightest(turned):
+    """Face with the normal (turned, -1) along y and z: a ray (s, 1) from the lens meets it at 45 + turned atan s."""
+    changes = {"elements.0.azimuth": turned * math.pi / 2, "sensor.decentre": [0.0, 0.4]}
+    design = roslf.loads(HEAD % PRISM).replace(changes)
+    camera = Camera.of(design)
+    (told,) = verdicts(design, "reflecting_face")
+    ends = -turned * sensor_field(camera).corners[:, 1] * float(camera.seen.inverse_m)
+    slope = (ends.min() - float(camera.seen.D_F) / 2) / float(camera.seen.d_f - camera.seen.d_3)
+    index = float(design.elements[0].material.index(design.wavelength))
+    least = 45 + math.degrees(math.asin(math.sin(math.atan(slope)) / index))
+    assert f"from {least:.3g} degrees" in told.text
+
+
 @pytest.mark.parametrize(
     "changes",
     [
