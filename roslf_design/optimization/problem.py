@@ -47,8 +47,8 @@ SIDES = "microlens_array.size.0", "microlens_array.size.1"
 
 T = TypeVar("T", Constraint, Goal)
 
-TOUCHED = 1e-18
-"""Squared distance in the unit box within which points are one."""
+APART = 1e-4
+"""Distance in the unit box within which of places where rays told the latest counts alone."""
 TRIED = 8
 """Places that are looked at for each start behind a real lens."""
 
@@ -113,7 +113,7 @@ class DesignProblem:
     """Units of the differences of constraints and of goals; None: their spread over the box."""
     told_at: tuple[tuple[tuple[float, ...], Mapping[object, float]], ...] = ()
     """Points where rays told the whole camera's numbers, and logarithms of those over what is posed, where they differ:
-    between the points it is their mean, by distances."""
+    elsewhere they follow the cubic spline through the points."""
 
     @cached_property
     def base(self) -> Camera:
@@ -482,7 +482,7 @@ class DesignProblem:
     def told_by_rays(self, unit: Array) -> tuple[DesignProblem, float]:
         """Problem whose numbers of the whole camera are at a point those that rays tell, and how far others they were.
 
-        Elsewhere they are as many times those of the thin-lens model, between points told at before as lies between.
+        Elsewhere they are as many times those of the thin-lens model as a spline through points told at before has it.
         """
         if not self.by_rays:
             return self, 0.0
@@ -501,22 +501,34 @@ class DesignProblem:
 
         logs = {asked: math.log(share) for asked, share in by.items()}
         met = [(at, {**less, **{a: less.get(a, 0.0) - log for a, log in logs.items()}}) for at, less in self.told_at]
-        here = tuple(unit.tolist())
-        points = (*(one for one in met if one[0] != here), (here, {}))
+        points = (*(one for one in met if np.abs(unit - one[0]).max() > APART), (tuple(unit.tolist()), {}))
         limits, goals = tuple(map(told, self.constraints)), tuple(map(told, self.goals))
         moved = (abs(float(believed[asked][0]) / share - 1) for asked, share in by.items())
         return replace(self, constraints=limits, goals=goals, told_at=points), max(moved, default=0.0)
 
     def _between(self, units: Array) -> Mapping[object, Array]:
-        """How many times what is posed rays tell of each thing asked, about, at points (N, n) between those told at."""
+        """How many times what is posed rays tell of each thing asked, about, at points (N, n): a cubic spline of logs.
+
+        Beyond what was told it goes on straight, by no more than that spreads.
+        """
         places = np.array([at for at, _ in self.told_at]).reshape(-1, self.n)
-        weights = 1 / np.maximum(np.square(units[:, None] - places).sum(-1), TOUCHED)
-        weights /= weights.sum(-1, keepdims=True)
-        logs = [less for _, less in self.told_at]
-        asked = (part.asked for part in (*self.goals, *self.constraints))
-        return {
-            a: np.exp(weights @ [less.get(a, 0.0) for less in logs]) if logs else np.ones(len(units)) for a in asked
-        }
+        count = len(places)
+        asked = [part.asked for part in (*self.goals, *self.constraints)]
+        if count < 2:
+            return {one: np.ones(len(units)) for one in asked}
+        logs = np.array([[less.get(one, 0.0) for one in asked] for _, less in self.told_at])
+
+        def terms(at: Array) -> Array:
+            apart = np.linalg.norm(at[:, None] - places, axis=-1)
+            return np.concatenate([apart**3, np.ones((len(at), 1)), at], axis=1)
+
+        known = terms(places)
+        # The small block: along what no two places differ in, nothing changes.
+        system = np.block([[known], [known[:, count:].T, -1e-9 * np.eye(1 + self.n)]])
+        weights = np.linalg.solve(system, np.pad(logs, ((0, 1 + self.n), (0, 0))))
+        low, high = logs.min(axis=0), logs.max(axis=0)
+        found = np.exp(np.clip(terms(units) @ weights, 2 * low - high, 2 * high - low))
+        return dict(zip(asked, found.T, strict=True))
 
     def _posed_at(self, units: Array) -> Callable[[T], T]:
         """Goals and limits as rays tell them at points (N, n)."""

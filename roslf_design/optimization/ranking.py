@@ -221,8 +221,8 @@ class _Ranker:
             results = [best]
         return results, problem, problem
 
-    def _searched(self, problem: DesignProblem, start: Array) -> Search:
-        return searched(problem, start, self.budget, 80, max(QUICK, problem.finest))
+    def _searched(self, problem: DesignProblem, start: Array, reach: float = 1.0) -> Search:
+        return searched(problem, start, self.budget, 80, max(QUICK, problem.finest), reach)
 
     def optimise_promising(self, tell: CountedProgress) -> None:
         """Optimise some combinations, from the middle of their best boxes.
@@ -264,8 +264,8 @@ class _Ranker:
     def polish(self) -> None:
         """Search the list's combinations again, thoroughly."""
 
-        def thoroughly(problem: DesignProblem, start: Array) -> Search:
-            return searched(problem, start, self.budget.at_least(1000, 10.0), tolerance=problem.finest)
+        def thoroughly(problem: DesignProblem, start: Array, reach: float) -> Search:
+            return searched(problem, start, self.budget.at_least(1000, 10.0), tolerance=problem.finest, reach=reach)
 
         polished = []
         for ranked in [each for each in self.best if each.search.merit < self.threshold]:

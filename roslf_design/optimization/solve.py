@@ -23,7 +23,7 @@ from ..theory.quantity import FEASIBLE
 from ..toml_files import StrictTable
 from .conflict import Conflict, explain
 from .goals import Constraint, Goal
-from .problem import ROOM, DesignProblem, promising_starts, sobol_units
+from .problem import APART, ROOM, DesignProblem, promising_starts, sobol_units
 from .search import (
     BIG,
     FTOL,
@@ -50,11 +50,13 @@ LOOSE = 0.01
 TOUCHING = 1e-6
 """Scaled rows and variables this close to their limit count as on it."""
 
-MOST_SETTLING, SETTLED = 8, 1e-4
+MOST_SETTLING, SETTLED = 16, 1e-4
 """Searches after which numbers that rays tell are taken as they are, and how little they move before that, relative: in
 an answer by no more than `FEASIBLE`."""
-HALVED = 3
-"""Halvings of the way to where limits do not hold as rays tell them."""
+RESTS = 0.1
+"""Residual of the first-order conditions above which an end is no optimum, but where a search broke off."""
+BESIDE = 1e-2
+"""Distance in the unit box over which a goal that rays tell must gain less than `SETTLED` at an optimum."""
 AROUND = 10
 """Evaluations for each variable, at most, of a search between points where rays told."""
 DRIFT = 1e-6
@@ -201,6 +203,11 @@ class Answer:
         return sum(s.feasible for s in self.searches)
 
     @property
+    def optimal(self) -> bool:
+        """Whether it is a design, and not one where what rays tell left a search short of the first-order conditions."""
+        return self.feasible and not (self.problem.told_at and RESTS < self.residual < math.inf)
+
+    @property
     def runs_off(self) -> bool:
         """Whether the goal has no optimum here, but a pole that the search ran up to."""
         return self.feasible and runs_off(self.problem, self.unit)
@@ -279,9 +286,12 @@ def solve_by_rays(problem: DesignProblem, settings: Settings = USUAL, tell: Tell
 
 
 def _settled_by_rays(problem: DesignProblem, settings: Settings, budget: SearchBudget, tell: Tell) -> Answer:
-    few = min(settings.evaluations, AROUND * problem.n)
-    polish = partial(searched, budget=budget, evaluations=few, tolerance=problem.finest)
-    roughly = partial(polish, evaluations=settings.evaluations, tolerance=max(settings.tolerance, problem.finest))
+    few, finest = min(settings.evaluations, AROUND * problem.n), problem.finest
+
+    def polish(part: DesignProblem, first: Array, reach: float = 1.0, most: int = few, to: float = finest) -> Search:
+        return searched(part, first, budget, most, to, reach)
+
+    roughly = partial(polish, most=settings.evaluations, to=max(settings.tolerance, finest))
     start, found = None, []
     if problem.summed:
         tell("limits of the whole camera")
@@ -297,22 +307,20 @@ def _settled_by_rays(problem: DesignProblem, settings: Settings, budget: SearchB
     if not problem.by_rays:
         return _solved(problem, settings, budget, tell, found)
     start = _starts(problem, settings)[0] if start is None else start
-    about = partial(polish, tolerance=SETTLED)
+    about = partial(polish, to=SETTLED)
     problem, end, _ = settled(problem, start, SETTLED, about, tell)
     found = [end.unit] if end.feasible else found
     answer, moved = _solved(problem, settings, budget, tell, found), 0.0
     # Of a lexicographic order the stages are solved as they were settled.
     for again in (False, True) if answer.problem is answer.asked else ():
         told, moved = answer.problem.told_by_rays(answer.unit)
-        if moved <= (FEASIBLE if answer.feasible else SETTLED):
+        right = moved <= SETTLED
+        told, end, moved = settled(told, answer.unit, FEASIBLE if answer.feasible else SETTLED, polish)
+        if answer.feasible and end.feasible:
+            answer = _moved_to(answer, told, end)
             break
-        if answer.feasible:
-            told, end, moved = settled(told, answer.unit, FEASIBLE, polish)
-            if end.feasible:
-                answer = _moved_to(answer, told, end)
-                break
-        else:
-            end = polish(told, answer.unit)
+        if right and not (answer.feasible or end.feasible):
+            break
         if not again:  # judged by what rays tell elsewhere
             answer = _solve(told, settings, budget, tell, [end.unit, *_starts(told, settings)])
     if moved <= SETTLED:
@@ -361,17 +369,19 @@ def _unreached(
 
 
 def reached_untraced(
-    problem: DesignProblem, start: Array, seed: int, search: Callable[[DesignProblem, Array], Search]
+    problem: DesignProblem, start: Array, seed: int, search: Callable[[DesignProblem, Array, float], Search]
 ) -> tuple[DesignProblem, DesignProblem, Search]:
     """Where those limits hold that no rays at fields tell, or the nearest to it; what takes long last.
 
     Beside it the problem, told by rays there, and with the limits alone that were looked at.
     """
 
-    def nearest(part: DesignProblem, first: Array) -> Search:
+    def nearest(part: DesignProblem, first: Array, reach: float = 1.0) -> Search:
+        if reach < 1:
+            return search(part, first, reach)
         units = np.concatenate([first[None], sobol_units(part.n, LOOKED_AT, seed)])
         over = np.nan_to_num(part.limits(np.clip(units, 0.0, 1.0)), nan=BIG).max(axis=0, initial=-BIG)
-        return search(part, units[over.argmin()])
+        return search(part, units[over.argmin()], reach)
 
     part = problem.untraced(rays=False, sums=False)
     near = nearest(part, start)
@@ -380,7 +390,7 @@ def reached_untraced(
             break
         if problem.untraced(sums=sums).constraints != part.constraints:
             wanted = partial(DesignProblem.untraced, sums=sums)
-            problem, near, _ = settled(problem, near.unit, ROUGHLY, lambda p, unit, w=wanted: nearest(w(p), unit))  # type: ignore[misc]
+            problem, near, _ = settled(problem, near.unit, ROUGHLY, lambda p, *at, w=wanted: nearest(w(p), *at))
             part = wanted(problem)
     return problem, part, near
 
@@ -389,37 +399,42 @@ def settled(
     problem: DesignProblem,
     unit: Array,
     within: float,
-    search: Callable[[DesignProblem, Array], Search],
+    search: Callable[[DesignProblem, Array, float], Search],
     tell: Tell = silent,
 ) -> tuple[DesignProblem, Search, float]:
     """A search that ends where rays tell what it took them to tell, but for so little, and the problem that it solves.
 
-    It begins anew until then, at most `MOST_SETTLING` times: from its end or, where limits do not hold there as rays
-    tell them, on the way there. Beside it how far they were apart in the end.
+    It begins anew until then, at most `MOST_SETTLING` times, from the best place that rays told, within a reach of it:
+    halved where rays tell of none better there, or where the search breaks off, else at least twice the last step; a
+    step of more than half the last is doubled.
+    Beside it how far they were apart in the end.
     """
-    problem, _ = problem.told_by_rays(np.clip(unit, 0.0, 1.0))
+    best, reach, last = np.clip(unit, 0.0, 1.0), 1.0, np.zeros(problem.n)
+    problem, moved = problem.told_by_rays(best)
     for done in range(MOST_SETTLING):
         tell("rays at the optimum", done, MOST_SETTLING)
-        end = search(problem, unit)
+        end = search(problem, best, reach)
+        way = end.unit - best
+        if creeps := bool(way @ last > last @ last / 2 > 0):
+            end = replace(end, unit=np.clip(end.unit + way, 0.0, 1.0))
+        step = float(np.abs(end.unit - best).max())
+        if step < APART < reach and not (end.feasible and not RESTS < _rests(problem, end.unit)[1] < math.inf):
+            reach /= 4
+            continue
         problem, moved = problem.told_by_rays(end.unit)
-        if moved <= within:
+        if moved <= within and not creeps and (step < reach or reach >= 1):
             return problem, end, moved
-        if end.feasible and not judged(problem, end).feasible:
-            problem, unit = _nearest_held(problem, unit, end)
+        if _rank(judged(problem, end)) < _rank(judged(problem, replace(end, unit=best))):
+            last, best, reach = way, end.unit, max(reach, 2 * step)
         else:
-            unit = end.unit
-    own = judged(problem, end)
-    return problem, end if own.violation <= DRIFT else own, moved
+            last, reach = np.zeros(problem.n), step / 2
+    problem, _ = problem.told_by_rays(best)
+    own = judged(problem, replace(end, unit=best))
+    return problem, replace(own, violation=0.0) if own.violation <= DRIFT else own, moved
 
 
-def _nearest_held(problem: DesignProblem, unit: Array, missed: Search) -> tuple[DesignProblem, Array]:
-    """Point on the way to where a search ended at which limits still hold as rays tell them; halved some times."""
-    out = missed.unit
-    for _ in range(HALVED):
-        middle = (unit + out) / 2
-        problem, _ = problem.told_by_rays(middle)
-        unit, out = (middle, out) if judged(problem, replace(missed, unit=middle)).feasible else (unit, middle)
-    return problem, unit
+def _rank(end: Search) -> tuple[float, float]:
+    return end.violation * (end.violation > DRIFT), end.merit
 
 
 def _first(problem: DesignProblem) -> Array:
@@ -529,18 +544,35 @@ def _notes(searches: Sequence[Search], wanted: int, budget: SearchBudget, settin
 
 
 def searched(
-    problem: DesignProblem, start: Array, budget: SearchBudget, evaluations: int = 300, tolerance: float = FTOL
+    problem: DesignProblem,
+    start: Array,
+    budget: SearchBudget,
+    evaluations: int = 300,
+    tolerance: float = FTOL,
+    reach: float = 1.0,
 ) -> Search:
-    """A `search`; where goals have kinks, searched again on both sides of each, from its end."""
-    best = search(problem.vector, start, budget, evaluations, tolerance, problem.always, problem.limits)
+    """A `search`, no farther from its start than a reach; where goals have kinks, again on both sides of each."""
+    low = np.clip(start - reach, 0.0, 1.0) if reach < 1 else np.zeros(problem.n)
+    size = np.clip(start + reach, 0.0, 1.0) - low if reach < 1 else np.ones(problem.n)
+
+    def searched_once(part: DesignProblem, first: Array) -> Search:
+        vector, limits = (partial(_within, rows, low, size) for rows in (part.vector, part.limits))
+        end = search(vector, (first - low) / size, budget, evaluations, tolerance, part.always, limits)
+        return replace(end, unit=low + size * end.unit)
+
+    best = searched_once(problem, start)
     for side in problem.sides() if best.feasible else ():
-        end = search(side.vector, best.unit, budget, evaluations, tolerance, side.always, side.limits)
+        end = searched_once(side, best.unit)
         guard = Guard(problem.vector)
         guard.rows(end.unit)
         spent = replace(best, evaluations=best.evaluations + end.evaluations + guard.evaluations)
         better = guard.feasible and guard.merit < best.merit
         best = replace(spent, unit=end.unit, merit=guard.merit, violation=guard.violation) if better else spent
     return best
+
+
+def _within(rows: Callable[[Array], Array], low: Array, size: Array, units: Array) -> Array:
+    return rows(low + size * units)
 
 
 def judged(problem: DesignProblem, found: Search) -> Search:
@@ -613,7 +645,9 @@ def _conditions(problem: DesignProblem, unit: Array) -> tuple[tuple[Active, ...]
             limits.append((f"{name} {variable.end(upper)}", "mm", variable.rate(float(unit[i])), True))
     length = float(np.linalg.norm(jacobian[0]))
     if not columns:
-        return (), 1.0 if length > 1e-6 else 0.0
+        ahead = np.clip(unit - BESIDE * jacobian[0] / max(length, 1e-12), 0.0, 1.0)
+        flat = problem.told_at and problem.vector(ahead[None])[0, 0] > values[0] - SETTLED
+        return (), 0.0 if flat or length <= 1e-6 else 1.0
     per_merit = _goal_per_merit(problem, unit) if len(problem.goals) == 1 else None
     multipliers, residual = nnls(np.stack(columns, axis=1), -jacobian[0])
     merged: dict[str, Active] = {}

@@ -389,7 +389,7 @@ class Result(BriefValue):
             "study": answer.asked.name,
             "base_design": answer.problem.design.name,
             "seed": self.study.settings.seed,
-            "status": "optimal" if answer.feasible else "infeasible",
+            "status": "optimal" if answer.optimal else "feasible" if answer.feasible else "infeasible",
             "runs_off": answer.runs_off,
             **lengths_and_numbers(answer.variables()),
             "following_mm": answer.followers(),
