@@ -204,7 +204,7 @@ class Answer:
 
     @property
     def optimal(self) -> bool:
-        """Whether it is a design, and not one where what rays tell left a search short of the first-order conditions."""
+        """Whether it is a design, and not one where what rays tell left a search short of first-order conditions."""
         return self.feasible and not (self.problem.told_at and RESTS < self.residual < math.inf)
 
     @property
