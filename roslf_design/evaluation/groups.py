@@ -210,7 +210,7 @@ class RealLensField:
     status: str
     """"full", "clipped", "dark", or "folded": two sensor points see the same FAP point, a caustic of the pupil."""
     chief_ray: str
-    """Fate of the ray through the FAP's centre: "kept", "missed surface 1"."""
+    """Fate of the ray through the FAP's centre: "kept", "missed surface 1", "clipped at stop 1"."""
     kept_fraction: float
     """Part of the FAP that the microlens sees."""
     centre_mm: tuple[float, float] | None

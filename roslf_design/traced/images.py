@@ -391,6 +391,7 @@ def real_field(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike) 
         colour = np.full(len(c), math.nan)
     own = np.where(images.status == ImageFate.FOLDED, 2 * np.sqrt(images.area / np.pi), images.diameter)
     lost = maps.status != RayFate.KEPT
+    cut = views(camera, c, c + images.chief)
     guessed = lost | ((images.status == ImageFate.CLIPPED) & np.isnan(images.whole_area))
     return _RealField(
         images,
@@ -402,7 +403,7 @@ def real_field(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike) 
         np.where(guessed, math.nan, np.max(np.hypot(*np.moveaxis(images.outline - thin_rim, -1, 0)), axis=-1)),
         maps,
         np.where(lost, math.nan, colour),
-        tuple(camera.describe(int(state)) for state in maps.status),
+        tuple(camera.describe(int(state)) for state in np.where(lost, maps.status, cut.state)),
     )
 
 

@@ -211,6 +211,14 @@ def test_obliqueness_counts_behind_the_array_alone():
 TEXTURED = SceneBrief(smallest_period=2.0, hard_edges=True, wavelengths=(480e-6, 550e-6, 630e-6))
 
 
+def test_the_chief_ray_of_a_dark_image_ends_where_it_is_cut():
+    """By lens alone it was kept, beside an image of which 0 % is."""
+    slit = {"stops": [{"diameter": 3.0, "distance": 100.0}]}
+    field = real_field(load("paper-singlet").replace({"aperture.diameter": 1.0, **slit}), [(0.0, 0.0), (12.0, 0.0)])
+    assert field.images.kept_fraction.tolist() == [1.0, 0.0]
+    assert field.chief == ("kept", "clipped at stop 1")
+
+
 def test_cut_images_are_no_distortion():
     """Vignetting counts what is cut off them; their whole diameter was told as if they stood somewhere else."""
     design, x_ml = load("paper-singlet"), 13.05
