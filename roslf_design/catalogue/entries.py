@@ -492,9 +492,14 @@ def _named_part(kind: Kind, asked: Any, folder: Path | None) -> Entry:
 
 
 def meant(asked: str, names: Sequence[tuple[str, str]]) -> list[int]:
-    """Indices of parts, each by its name and by that with its maker, called so: to the letter, else in other case."""
-    exact = [k for k, own in enumerate(names) if asked in own]
-    return exact or [k for k, own in enumerate(names) if asked.lower() in (name.lower() for name in own)]
+    """Indices of parts, each by its name and by that with its maker, called so: to the letter, else in other case.
+
+    Else with other spaces.
+    """
+    for alike in (str, str.lower, lambda name: "".join(name.lower().split())):
+        if called := [k for k, own in enumerate(names) if alike(asked) in map(alike, own)]:
+            return called
+    return []
 
 
 def _key(place: str) -> str:

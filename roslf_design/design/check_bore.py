@@ -89,10 +89,11 @@ def about_elements(design: Assembly, known: Sequence[Problem]) -> tuple[Problem,
         )
         problems.append(Problem("object_space.medium", message))
     ordered = sorted(spans, key=lambda span: span[1:])
-    for (_, near, far), (place, start, _) in pairwise(ordered):
+    for (other, near, far), (place, start, _) in pairwise(ordered):
         if start < far:
             message = (
-                f"{shown(start)} lies inside the element that reaches from {shown(near)} to {shown(far)}; move one"
+                f"{shown(start)} lies inside the element that reaches from {shown(near)} to {shown(far)}, {other} "
+                f"({names[other]}); move one"
             )
             problems.append(Problem(f"{place}.distance", message))
     for stop in design.openings:

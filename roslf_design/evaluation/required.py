@@ -236,7 +236,7 @@ def requirements(
             )
             if met and low is not None and not quantity.within(low, None, corner):
                 only = ", ".join(filter(None, (only, "in the middle alone")))
-                remedy = "; ".join(filter(None, (remedy, SHARPER)))
+                remedy = "; ".join(filter(None, (remedy, f'field = "corner" requires it there; {SHARPER}')))
         if not met and not undefined:
             slip = _slip_of_unit(asked, low, high, value, quantity.unit)
             culprit = _culprit(quantity, camera, fold if of_detail and not sampled else value, low)

@@ -5,6 +5,7 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.catalogue import load_catalogue
+from roslf_design.catalogue.entries import meant
 from roslf_design.design.check import at
 from roslf_design.optimization import Combinations
 from roslf_design.reporting.design.parts_list import named_parts, parts_section
@@ -229,3 +230,8 @@ def test_the_catalogue_prints_what_to_paste(capsys, tmp_path):
     )
     catalogue(kind=["windows"], where=["part=w"], file=[mine])
     assert f'kind = "plate"\npart = {{file = "{mine}", name = "w"}}' in capsys.readouterr().out
+
+
+def test_parts_are_known_in_other_case_and_with_other_spaces():
+    names = [("IMX 290", "Sony IMX 290"), ("IMX296", "Sony IMX296"), ("imx296", "another")]
+    assert [meant(asked, names) for asked in ("imx290", "sony imx296", "imx296", "IMX 291")] == [[0], [1], [2], []]

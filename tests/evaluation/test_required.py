@@ -439,6 +439,7 @@ def test_detail_that_the_middle_alone_shows_says_so():
     (hard,) = required_of(design.replace({"required": {"detail_lp_per_mm": {"min": (middle + corner) / 2}}}))
     assert hard.met
     assert "in the middle alone" in hard.only
+    assert 'field = "corner" requires it there' in hard.remedy
 
 
 def test_detail_can_be_required_of_the_corner():

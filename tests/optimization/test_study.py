@@ -6,6 +6,7 @@ import re
 import sys
 import tomllib
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from roslf_design.optimization.conflict import Conflict, _Violation
 from roslf_design.optimization.study import read_study
 from roslf_design.optimization.study import run as run_study
 from roslf_design.reporting.blocks import Statements, Table
-from roslf_design.reporting.optimise.pages import optimization_report, statements
+from roslf_design.reporting.optimise.pages import _before, optimization_report, statements
 from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.focused import LIMIT, has_views, pupil_blur_ratio
 from roslf_design.theory.length_covariance import LengthCovariance
@@ -438,3 +439,11 @@ def test_an_optimum_by_views_is_a_camera_that_has_views():
     (best,) = (design for _, design in run_study(read_study(data, design=base)).designs())
     assert bool(has_views(Camera.of(best)))
     assert float(pupil_blur_ratio(Camera.of(best))) == pytest.approx(LIMIT, rel=1e-3)
+
+
+def test_what_a_working_distance_was_before_is_told():
+    """It is no length of a design file, but the distance of its focal plane from the tip."""
+    design = roslf.load("arthroscope")
+    before = _before(SimpleNamespace(problem=SimpleNamespace(design=design)), ("working_distance", "d_2"))
+    told = roslf.evaluate(design).answer.working_distance_mm
+    assert before == {"working_distance": pytest.approx(told), "d_2": design.d_2}

@@ -282,7 +282,7 @@ def test_blur_of_a_point_through_a_rod_is_that_of_many_rays():
     ("changes", "told"),
     [
         ({"elements": [{**WINDOW, "distance": 0.5}]}, r"elements\.0\.distance: .* inside the lens"),
-        ({"elements": [{**WINDOW, "distance": 60.5}, {**WINDOW, "distance": 60.0}]}, "lies inside the element"),
+        ({"elements": [{**WINDOW, "distance": 60.5}, {**WINDOW, "distance": 60.0}]}, r"elements\.1 \(plate 2\); move"),
     ],
 )
 def test_elements_that_collide_are_told(changes, told):

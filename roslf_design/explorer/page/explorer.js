@@ -594,7 +594,7 @@
       return { rows, alone: ref(props.forms.asked.length > 0), add: () => rows.value.push({ ...blank }) };
     },
     template: `
-<fieldset class="vary limits"><legend>A good build holds</legend><p v-if="forms.asked.length" class="hint">What the design's [required] limits; change it, or add to it.</p><p v-if="!alone" class="hint">{{ forms.usual }}</p>
+<fieldset class="vary limits"><legend>A good build holds</legend><p v-if="forms.asked.length" class="hint">Limits of the design's [required] come first; change them, or add others.</p><p v-if="!alone" class="hint">{{ forms.usual }}</p>
 <div v-for="(row, k) in rows" :key="k"><select name="limit_of" v-model="row.of" :aria-label="'Limited quantity ' + (k + 1)"><option value="">{{ k ? 'nothing more' : 'nothing else' }}</option><option v-for="item in forms.limited" :key="item.key" :value="item.key">{{ item.label }}</option></select>
 <label>min <input type="text" name="limit_min" v-model="row.min" spellcheck="false" autocomplete="off" :aria-label="'Least ' + (k + 1)" /></label><label>max <input type="text" name="limit_max" v-model="row.max" spellcheck="false" autocomplete="off" :aria-label="'Greatest ' + (k + 1)" /></label><label>at <input type="text" name="limit_at" v-model="row.at" spellcheck="false" autocomplete="off" :aria-label="'Distance ahead of the tip ' + (k + 1)" title="Distance ahead of the tip; the focal plane, or the whole camera, where left out" /></label></div>
 <button type="button" @click="add">Add a limit</button><label class="tick"><input type="checkbox" name="only_own" v-model="alone" />these alone, without the usual limits</label></fieldset>`,

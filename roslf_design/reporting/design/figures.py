@@ -149,6 +149,7 @@ def _map_sheet(design: Design, result: Evaluation) -> Figure:
         f"{left} show where each image's centroid lies from its microlens's axis, as decoding meets it. "
         f"Against a camera whose pupil is the main lens, images move by {number(shift, 4)} px per microlens (Eq. 4), "
         f"{number(shift * design.microlens_array.size[0] / 2 / design.d, 3)} px at the array's edge."
+        f"{lens_words(design.main_lens.kind).twin}"
     )
     return Figure.of("maps", "Microlens images over the array", caption, field_maps(design, fields))
 
@@ -188,6 +189,7 @@ def _plane_sheet(design: Design, result: Evaluation) -> Figure:
         (False, False): "off the curve and outside the green region",
     }[matched, free]
     aside = "" if is_centred(design) else " Decentres are left aside here."
+    aside += " All of it is the thin-lens model's." if result.real_lens is not None else ""
     caption = (
         f"All else held, images just touch along the blue curve. The design lies {where}. Moving along the curve keeps "
         f"the match; above it images overlap, below it pixels stay dark.{aside}"

@@ -24,6 +24,7 @@ from ...optimization.study import Result
 from ...optimization.traces import Retrace
 from ...optimization.variables import NUMBERS
 from ...tables import Column
+from ...theory.field_of_view import focus_ahead
 from ...theory.focused import pupil_blur_ratio
 from ...theory.light import microlens_defocus_waves
 from ...theory.quantities import QUANTITIES, bound_note, in_words
@@ -368,7 +369,8 @@ def _about_bore(result: Result) -> Statement:
 
 def _before(answer: Answer, names: Iterable[str]) -> dict[str, float]:
     """Values that a study's design had of variables and of what follows from them, where they are its lengths."""
-    numbers = Camera.of(answer.problem.design).numbers
+    camera = Camera.of(answer.problem.design)
+    numbers = {**camera.numbers, "working_distance": float(focus_ahead(camera))}
     places = {name: PATHS.get(name, name) for name in names}
     return {name: float(numbers[place]) for name, place in places.items() if place in numbers}
 
@@ -394,7 +396,8 @@ def _change(result: Result) -> Iterator[Figure]:
         if goal.field is None and not math.isnan(old := float(np.ravel(goal.values(camera))[0])):
             reached = goal.with_unit(answer.number(goal), 4)
             moved.append(f"{in_words(goal.label)} {goal.with_unit(old, 4)} → {reached}")
-    moved += [f"{name} {number(was[name], 4)} → {number(values[name], 4)} mm" for name in values if name in was]
+    lengths = {name: (number(was[name], 4), number(values[name], 4)) for name in values if name in was}
+    moved += [f"{name} {old} → {new} mm" for name, (old, new) in lengths.items() if old != new]
     caption = f"The camera, {', '.join(scales)}, and {ray_words(after)}. What changed: {'; '.join(moved)}."
     of_camera = {one: float(np.ravel(one.values(camera))[0]) for one in answer.asked.constraints if one.field is None}
     missed = [

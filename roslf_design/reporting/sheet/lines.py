@@ -93,7 +93,7 @@ HALF_PAGE = 520.0
 NONE = "–"
 """Revision or date where none is given."""
 OWN_LIMITS = "The study's limits leave out, and its yield does not count: "
-OWN_VALUES = "Its limits hold, and its yield counts, with other values than are required: "
+OWN_VALUES = "For these, the study's limits and yield judge other values than Required does: "
 NOMINAL = "Nominal values: no tolerance study is at hand."
 TILTED = "Parts are tilted; the data sheet is of the straight ones, but for what tilted stops cut."
 
@@ -575,7 +575,8 @@ def basis(
             )
         if design is calibration.design and not calibration.lengths.planned:
             sentences.append("Values are those of that instrument.")
-    sentences.append("Lines without one (–) are nominal." if sentences else NOMINAL)
+    first_look = " Lines that say so take lengths as a first look builds them." if looked is not None else ""
+    sentences.append("Lines without one (–) are nominal." if sentences else NOMINAL + first_look)
     sigma = {} if built is None else built.deviations(rows)
     calibrated = {} if calibration is None else calibration.deviations(rows, build)
     # Derivatives promise more than builds show where lengths miss by so much that lines bend, and none of a magnitude
