@@ -71,7 +71,7 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
     caption = (
         "Below, larger, the tip, and array and sensor. Solid rays reach the sensor; dashed orange rays are blocked and "
         "end, with a cross, at what stops them (the outermost of each fan miss the FAP on purpose, to show it at "
-        "work). The FAP is black, the main lens and its mount blue."
+        "work). The FAP is black, the main lens and its mount blue; mounts reach to the rim, no tube is drawn."
         f"{through}{lens_words(design.main_lens.kind).twin} {follow} {plane}"
     )
     return replace(Figure.of("rays", "Meridional ray diagram", caption, ray_diagrams(design)), fixed=True)
@@ -248,8 +248,8 @@ def _picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     bent = "A prism is drawn as turning light in the middle of its way. " if turning else ""
     caption = (
         "Pencils of the centre, the edge and a corner of the sensor, cut off in front of the bore; the grey plate is "
-        f"the FAP, the blue disc the main lens. {ends}{bent}The tube wall is drawn for "
-        f"orientation and is not part of the design.{lens_words(design.main_lens.kind).twin}"
+        f"the FAP, the blue disc the main lens. {ends}{bent}The grey tube holds all "
+        f"that is drawn; it is not to the size of [tube].{lens_words(design.main_lens.kind).twin}"
     )
     sheet = Figure.of("view", "The instrument in three dimensions", caption, outlines(scene))
     try:
