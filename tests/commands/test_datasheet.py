@@ -179,8 +179,8 @@ def test_what_is_required_says_how_many_builds_meet_it(tmp_path, capsys, monkeyp
     pages = [(tmp_path / "out" / page).read_text() for page in ("summary.txt", "index.html")]
     assert all(says in " ".join(page.split()) for page in pages)
     words = story.datasheet_of(tmp_path / "study.toml").words
-    assert f"its yield does not count: {across['name']}, as required. Its limits hold" in words
-    assert f"other values than are required: {depth['name']} (lengths as drawn). " in words
+    assert f"its yield does not count: {across['name']}, as required. For these, the study's limits" in words
+    assert f"other values than Required does: {depth['name']} (lengths as drawn). " in words
 
 
 @pytest.mark.usefixtures("rough")

@@ -130,7 +130,7 @@ class _Words(NamedTuple):
         place = "microlens x on the array [mm]" if on_array else "x from the middle of the view [px]"
         if run.geometry.unit == "px":
             return cls("disparity", "px", "from view to view [px]", place)
-        return cls("depth", "mm", "Z from the lens [mm]", place)
+        return cls("depth", "mm", "Z from lens [mm]", place)
 
 
 def profile(trial: Measurement, size: Point = (PAGE, 440.0)) -> Picture:
