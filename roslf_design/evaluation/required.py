@@ -200,9 +200,8 @@ def requirements(
         counts = counted[quantity.name](at) if quantity.name in counted and not undefined else ""
         of_detail = quantity.unit == "lp/mm"
         fold = float(quantity_named("fold_lp_per_mm")(camera, at)) if of_detail else math.inf
-        aliases = (
-            field is None and not undefined and min(value, closed) > fold
-        )  # usable detail of rays ends at their own fold
+        # Usable detail of rays ends at their own fold.
+        aliases = field is None and not undefined and min(value, closed) > fold
         if aliases:
             counts = f"of contrast; detail above {number(fold, 4)} {quantity.unit} aliases"
         if met and depth and budget(at).as_drawn:
@@ -269,8 +268,7 @@ def missed_words(required: Sequence[Requirement]) -> str:
 
 def limits_for_study(design: Design) -> tuple[dict[str, Any], ...]:
     """Limits of a design's `[required]` as tables of a study's file, but those off the middle, which none holds."""
-    held = [asked for asked in design.required if asked.field is None]
-    return tuple({"quantity": one.quantity, **one.model_copy(update={"field": None}).limits()} for one in held)
+    return tuple({"quantity": asked.quantity, **asked.limits()} for asked in design.required if asked.field is None)
 
 
 def _slip_of_unit(asked: Required, low: float | None, high: float | None, value: float, unit: str) -> str:
