@@ -20,7 +20,7 @@ NEARLY_ALIKE = 64
 TRUE, CHECKS, FAINTEST = 1e-4, 8, 2e-6
 """Error that a series may have in information where it is checked: at the outermost images along each axis and at as
 many others at least; and the share from which on a term counts, as far as `_coordinates` foresees it."""
-MOST, FEW, HALVED = 600, 1, 0.1
+MOST, FEW, HALVED = 600, 3, 0.1
 """Terms of a series beyond which its box is halved instead; images for each of them, at least; and the share of a box
 over which halves give way to each other, so that sigma has slopes there too."""
 NESTED = np.array([0.0, 1.0, -1.0, -0.577, 0.659, -0.839, 0.87, 0.306, -0.321, -0.943, 0.953, 0.48, -0.712, -0.156])

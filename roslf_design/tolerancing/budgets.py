@@ -19,7 +19,7 @@ from .._arrays import Array
 from .draws import Draws
 from .places import GradeLine, Grades, expand, nominal_values, parse_tolerance, perturbable
 from .study import CALIBRATION, Adjuster, Study, TolerancePlan
-from .trials import measure_finally
+from .trials import holding, measure_finally
 from .yields import (
     EARLIEST,
     FRESH,
@@ -172,7 +172,7 @@ class _Builds(NamedTuple):
 
     def failing(self, deviations: Array) -> NDArray[np.bool_]:
         """True where a build misses a limit, (trials,)."""
-        return np.asarray(~self.plan.passes(measure_finally(self.plan, deviations)).all(axis=0))
+        return ~holding(self.plan, deviations)
 
     def passed(self, trials: int, draws: Draws | None = None) -> int:
         """Number of the trials that hold all limits."""

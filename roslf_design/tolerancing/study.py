@@ -13,6 +13,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import compress
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -382,10 +383,23 @@ class TolerancePlan:
     @cached_property
     def limited(self) -> TolerancePlan:
         """The plan with its limited metrics alone: whether builds pass hangs on no others."""
-        question = self.question.limited_to(self.columns[limit.column] for limit in self.limits)
+        return self._of_limits(self.limits)
+
+    @cached_property
+    def stages(self) -> tuple[TolerancePlan, ...]:
+        """Plans of some limits each, which builds pass one after the other; what takes longest comes last."""
+        if self.adjusters:
+            return (self.limited,)
+        numeric = [self.columns[limit.column].quantity.numeric for limit in self.limits]
+        parts = (tuple(compress(self.limits, np.equal(numeric, last))) for last in (False, True))
+        return tuple(map(self._of_limits, filter(None, parts)))
+
+    def _of_limits(self, limits: tuple[_Limit, ...]) -> TolerancePlan:
+        """The plan with these limits and their metrics alone."""
+        question = self.question.limited_to(self.columns[limit.column] for limit in limits)
         rows = {column: row for row, column in enumerate(question.columns)}
-        limits = tuple(replace(limit, column=rows[self.columns[limit.column]]) for limit in self.limits)
-        return replace(self, question=question, limits=limits)
+        moved = tuple(replace(limit, column=rows[self.columns[limit.column]]) for limit in limits)
+        return replace(self, question=question, limits=moved)
 
     @cached_property
     def infinite(self) -> NDArray[np.bool_]:

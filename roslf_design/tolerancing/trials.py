@@ -95,6 +95,14 @@ def measure_finally(plan: TolerancePlan, deviations: Array, scale: float = 1.0, 
     return _in_blocks(plan.question, values, deviations.shape[1], calibrated=plan.calibrated)
 
 
+def holding(plan: TolerancePlan, deviations: Array, scale: float = 1.0) -> NDArray[np.bool_]:
+    """True where a build holds all limits, (T,): `TolerancePlan.stages` ask those alone that hold what comes before."""
+    left = np.arange(deviations.shape[1])
+    for stage in plan.stages:
+        left = left[stage.passes(measure_finally(stage, deviations[:, left], scale)).all(axis=0)]
+    return np.isin(np.arange(deviations.shape[1]), left)
+
+
 def _calibrated(question: Question, values: Mapping[str, Array], as_built: Array) -> Array:
     """Columns of builds whose decoder is calibrated on each: those that a decoder has a part in, the rest as built."""
     columns, every = as_built.copy(), question.columns

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .._arrays import Array
 from .draws import Draws
 from .study import TolerancePlan
-from .trials import BLOCK, measure_finally
+from .trials import BLOCK, holding
 
 CONFIDENCE = 0.95
 """Confidence level of every interval."""
@@ -79,11 +79,9 @@ def yield_at(plan: TolerancePlan, scale: float, trials: int) -> Yield:
 
 def _passing(plan: TolerancePlan, scale: float, deviations: Array) -> NDArray[np.bool_]:
     """True where a build holds all limits, shape (T,)."""
-    plan, holds = plan.limited, np.zeros(deviations.shape[1], np.bool_)
-    for at in range(0, holds.size, BLOCK):
-        block = measure_finally(plan, deviations[:, at : at + BLOCK], scale)
-        holds[at : at + BLOCK] = plan.passes(block).all(axis=0)
-    return holds
+    blocks = range(0, deviations.shape[1], BLOCK)
+    parts = (holding(plan, deviations[:, at : at + BLOCK], scale) for at in blocks)
+    return np.concatenate([np.ones(0, np.bool_), *parts])
 
 
 class ScaledBuilds:
