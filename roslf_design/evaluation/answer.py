@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -188,11 +188,6 @@ class FirstAnswer:
             outer,
             tuple(planes),
         )
-
-    def within(self, working: WorkingRange) -> FirstAnswer:
-        """Answer with another working range, as of lengths as built."""
-        ends, sharp, useful, of = ranges(working)
-        return replace(self, working_range_mm=ends, sharp_views_mm=sharp, useful_to_mm=useful, working_range_lengths=of)
 
     @property
     def rows(self) -> tuple[Row, ...]:

@@ -51,7 +51,6 @@ from .required import Requirement, requirements
 from .result import Evaluation
 from .specification import FieldImages, depth_assumptions
 from .verdicts import buildable, sharp_over_field, verdicts_of, warnings_of
-from .working_range import WorkingRange
 
 METHOD = (
     "Closed forms and exact disc areas for pinhole microlenses in focus behind an ideal thin lens; rounding errors are "
@@ -194,12 +193,9 @@ def evaluate(
 
 
 def held_as_built(result: Evaluation, shown: FieldImages, build: LengthCovariance) -> Evaluation:
-    """An evaluation of a design whose requirements and working range, they alone, count its lengths as built."""
+    """An evaluation of a design whose requirements, they alone, count its lengths as built."""
     camera = Camera.of(shown.design)
-    budget = partial(depth_budget, camera, build=build)
-    required = requirements(shown, camera, budget)
-    answer = result.answer.within(WorkingRange.of(camera, budget)) if result.answer.sharp_views_mm else result.answer
-    return held_to(replace(result, answer=answer), required)
+    return held_to(result, requirements(shown, camera, partial(depth_budget, camera, build=build)))
 
 
 def held_to(result: Evaluation, required: Sequence[Requirement]) -> Evaluation:

@@ -203,26 +203,17 @@ def _whose(result: Evaluation) -> str:
     return "" if result.real_lens is None else ", of the thin-lens model"
 
 
-def answer_tables(result: Evaluation, built: Sequence[DepthBudget] = ()) -> list[Table]:
-    """Field of view, distances and light, then field, depth and detail by distance: what a buyer asks.
-
-    `built`: budgets at the same distances with lengths as built, which the evaluation is without; they stand beside.
-    """
-    rows: list[tuple[str, ...]] = [plane.cells for plane in result.answer.at]
-    headings: tuple[str, ...] = DISTANCES
+def answer_tables(result: Evaluation) -> list[Table]:
+    """Field of view, distances and light, then field, depth and detail by distance: what a buyer asks."""
+    rows = tuple(plane.cells for plane in result.answer.at)
     counts = f"U is {result.depth_budget.counted}."
-    if built:
-        counts = f"As drawn, {counts} As built, and in the working range, it counts a first look's tolerances, too."
-        told = [(uncertainty(float(one.expanded_mm), 2, "± "), one.largest.name) for one in built]
-        rows = [(*row[:4], *more, *row[4:]) for row, more in zip(rows, told, strict=True)]
-        headings = (*headings[:2], "depth, U, as drawn", "mostly of", "U as built", "mostly of", *headings[4:])
     if result.real_lens is not None:
         counts += (
             " Field, light and detail are of rays through the real lens, distances and depth of its thin-lens model."
         )
     return [
         Table(result.answer.rows, "ldl", title="What it sees", widths=WIDTHS),
-        Table(tuple(rows), "l" * len(headings), headings, "At its distances", f"{MEANT} {counts}"),
+        Table(rows, "l" * len(DISTANCES), DISTANCES, "At its distances", f"{MEANT} {counts}"),
     ]
 
 

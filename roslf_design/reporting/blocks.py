@@ -18,6 +18,7 @@ from ..words import to_html
 
 if TYPE_CHECKING:
     from ..drawing.picture import Picture
+    from ..theory.length_covariance import CalibratedLengths
 
 _GREEK = re.compile(r"GREEK SMALL LETTER (?:FINAL )?(\w+)")
 Tone = Literal["good", "bad", "caution", "plain"]
@@ -152,6 +153,8 @@ class Finding(NamedTuple):
     """The answer, for the summary."""
     seed: str = ""
     """Sentence about the seed of what chance had a part in; empty where it had none."""
+    lengths: CalibratedLengths | None = None
+    """Lengths as a calibration that it plans will know them."""
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
 from .._arrays import Array, by_value
-from ..camera import TEMPERATURES, Camera
+from ..camera import TEMPERATURES, Camera, Number
 from ..words import listed, uncertainty
 from .depth_error import (
     MOST_FILL,
@@ -33,6 +33,8 @@ COVERAGE = 2
 """k: 95 % of depths lie within U where errors are normal."""
 NOISE, MISMATCH, VEIL, OVERLAP = "shot and read noise", "view mismatch", "veil", "image overlap"
 BUILT, CALIBRATED, WARMTH = "lengths as built", "lengths as calibrated", "temperature"
+WORSE = 1.02
+"""Ratio of U at a range's worse end to that over the range from which both are told."""
 MODEL_ALONE = "no board covers that distance: there the model alone tells depth"
 FULL = "pixels are full"
 GIVEN = "in the disparity error that the design gives"
@@ -209,7 +211,25 @@ def depth_budget(
             warmth, remark = None, f"nothing says how {listed([*silent])} would grow"
     alone = bool(calibration is not None and at is not None and np.isin(at, calibration.uncovered_mm).any())
     terms.append(BudgetTerm(WARMTH, "B", "trueness", warmth, remark))
-    return DepthBudget(tuple(terms), sigmas[0], MODEL_ALONE * alone, None if met is None else met[2])
+    budget = DepthBudget(tuple(terms), sigmas[0], MODEL_ALONE * alone, None if met is None else met[2])
+    worst = "" if met is None or warmth is None or np.size(warmth) != 1 else _at_worst(c, at, budget, met)
+    return replace(budget, caution="; ".join(filter(None, (worst, budget.caution))))
+
+
+def _at_worst(c: Camera, at: Depth | Array, budget: DepthBudget, met: tuple[Number, Number, Number]) -> str:
+    """U at the worse end of a range of temperatures, over which its term is a mean; empty where it is hardly more."""
+    coldest, warmest, known = met
+    if c.shape or coldest == warmest:
+        return ""
+    *rest, warmth = budget.terms
+    ends = {
+        float(end): replace(budget, terms=(*rest, replace(warmth, u_mm=temperature_error(c, at, (end, end, known)))))
+        for end in (coldest, warmest)
+    }
+    degrees, worst = max(ends.items(), key=lambda item: float(item[1].u_z_mm))
+    if not float(worst.u_z_mm) > WORSE * float(budget.u_z_mm):
+        return ""
+    return f"over the range; at {degrees:g} °C, at worst, U = {uncertainty(float(worst.expanded_mm), 3)}"
 
 
 def _lengths(

@@ -98,14 +98,16 @@ def temperatures_met(c: Camera) -> tuple[Number, Number, Number] | None:
     return coldest, warmest, (coldest + warmest) / 2 if ends[2] is None else ends[2]
 
 
-def temperature_error(c: Camera, at: Depth | Array) -> Array | None:
+def temperature_error(c: Camera, at: Depth | Array, met: tuple[Number, Number, Number] | None = None) -> Array | None:
     """Standard uncertainty that temperatures put into depths that are told as where the camera is calibrated [mm].
 
     Root mean square, over the range, in which all temperatures are alike, of what lies between the depths that the same
     picture has at T and at T_c: the shift itself where the range is one temperature. Infinite where a camera in the
-    range has no depth for the picture. None as `temperatures_met`, and where nothing says how the camera grows.
+    range has no depth for the picture. None as `temperatures_met`, in whose place `met` may stand, and where nothing
+    says how the camera grows.
     """
-    if (met := temperatures_met(c)) is None or c.growth is None:
+    met = met or temperatures_met(c)
+    if met is None or c.growth is None:
         return None
     coldest, warmest, known = met
     if c.growth.unknown and not (np.equal(coldest, warmest) & np.equal(warmest, known)).all():

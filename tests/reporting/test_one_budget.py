@@ -61,3 +61,17 @@ def test_temperature_is_that_of_the_camera_made_cold_and_warm():
     shifts = np.array(moved) - moved[22]
     term = next(term for term in depth_budget(Camera.of(SINGLET)).terms if term.name == WARMTH)
     assert term.u_mm == pytest.approx(np.sqrt(np.trapezoid(shifts**2, dx=1 / 44)), rel=1e-3)
+
+
+def test_a_range_tells_the_worst_of_it_as_a_camera_used_there_alone_has_it():
+    """U over a range is a mean over it: less than where the camera is worst."""
+    known = {"calibrated_at": "26 degC", "housing": "stainless steel"}
+    ends = {end: SINGLET.replace({"environment": known | {"temperature": f"{end} degC"}}) for end in (15, 37)}
+    worst = {end: float(depth_budget(Camera.of(one)).expanded_mm) for end, one in ends.items()}
+    end = max(worst, key=worst.get)
+    budget = depth_budget(Camera.of(SINGLET))
+    assert budget.caution.startswith(f"over the range; at {end} °C, at worst, U = ")
+    told = float(budget.caution.split(" = ")[1].split()[0])
+    assert told == pytest.approx(worst[end], rel=3e-2)  # the camera is focused where it is, here at another temperature
+    assert told > budget.expanded_mm
+    assert not depth_budget(Camera.of(ends[end])).caution

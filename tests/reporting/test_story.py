@@ -281,22 +281,25 @@ def test_a_required_depth_counts_the_builds_of_the_first_look(without_figures, f
     assert required[-1].startswith("met: at most 1000 mm (U = 2000 mm); U = ")  # as tables show it
     assert "as drawn" not in required[-1]
     assert f" is {required[1]} (U = " in told.text
-    drawn, built, calibrated = tables["Depth, expected"].rows[-3:]
-    assert drawn[0] == "U, lengths as drawn"
-    assert drawn[1] == tables["Depth, expected"].rows[0][1]
-    assert drawn[-1].endswith("quote it of no camera")
-    assert built[0] == "U, lengths as a first look builds them"
+    lead, built, calibrated = tables["Depth, expected"].rows[:3]
+    assert lead[0] == "expanded uncertainty U, k = 2, as drawn"
+    assert lead[-1].endswith("quote it of no camera")
+    assert built[0] == "U, without a calibration, lengths as a first look builds them"
     assert f"U = {built[1]}" in required[-1]
-    assert "the working range and required depths count it" in built[-1]
-    assert calibrated[1] == "–"
+    assert built[-1].endswith("; required depths count it")
+    assert calibrated[0] == "U, with lengths as calibrated"
+    planned = next(items.items[-1].text for items in blocks(report, Statements) if "as planned" in items.items[-1].text)
+    assert f"U = ± {float(calibrated[1].split()[0]):.3g} mm in the focal plane" in planned
     names = [row[0] for table in ("Distances", "Depth, expected") for row in tables[table].rows]
     assert ("standard uncertainty u, as drawn" in names, "standard uncertainty u, as built" in names) == (True, False)
     glance = next(table for table in blocks(report, Table) if table.title == "What it sees")
     for told in (names, [row[0] for row in glance.rows]):
         ranges = [name for name in told if name.startswith("working range")]
         assert ranges
-        assert all("as built" in name for name in ranges)
-    assert evaluate(asked).answer.working_range_lengths == "as drawn"
+        assert all("as drawn" in name for name in ranges)
+    ahead, _, u, *_ = by_distance.rows[0]  # one U leads: that of the evaluation, of the sheet and of the curves
+    assert evaluate(asked).answer.at[0].cells[:3] == (ahead, by_distance.rows[0][1], u)
+    assert float(lead[1].split()[0]) == pytest.approx(evaluate(asked).answer.at[0].expanded_mm, rel=1e-3)
     assert evaluate(asked).verdicts[0].text.startswith("met as drawn: ")
 
 

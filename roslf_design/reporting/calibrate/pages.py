@@ -415,7 +415,7 @@ def plan_finding(design: Design, asked: PlanOptions, build: LengthCovariance | N
         return Finding(Section("Calibration plan", (none,)), None, seed)
     blocks = plan_blocks(design, plan, asked, build)
     assert isinstance(blocks[1], Statements)
-    return Finding(Section("Calibration plan", blocks), blocks[1].items[0], seed)
+    return Finding(Section("Calibration plan", blocks), blocks[1].items[0], seed, lengths_after(design, plan, asked))
 
 
 def planned_depth(
@@ -496,9 +496,9 @@ def plan_blocks(
     mostly = {where: one.mostly.replace(";", ", but") for where, one in places.items()}
     depths = [f"± {_rounded(one.expanded_mm)} {where}, {mostly[where]}" for where, one in places.items()]
     promise = f"Calibration as planned, {supposed}: depth, expected, to U = {'; '.join(depths)}."
-    promise += f" {other} Assumes a board of {size} cells."
+    promise += f" Assumes a board of {size} cells."
     remedy = sentence(f"{best}: ± {_rounded(2 * after[best])} in the focal plane") if helps else NO_GAIN
-    answers = [Statement("plain", promise, remedy)]
+    answers = [Statement("plain", promise, remedy), Statement("plain", other)]
     large = too_large(design, c)
     if large:
         answers.append(Statement("caution", sentence(large), sentence(smaller_board(design, c))))

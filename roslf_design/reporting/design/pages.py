@@ -32,7 +32,6 @@ from ...evaluation.specification import FieldImages
 from ...evaluation.verdicts import near_cases
 from ...progress import CountedProgress, silent
 from ...theory.colours import PIXEL_FILTERS
-from ...theory.depth_budget import DepthBudget, depth_budget
 from ...units import format_quantity
 from ...words import TERMS, listed, sentence, spaced
 from ..blocks import (
@@ -132,12 +131,11 @@ def design_report(
         design, None, accuracy, at=wanted, build=grounds.build, calibration=grounds.calibration, shown=shown
     )
     looked = grounds.looked
-    built: list[DepthBudget] = []
     if looked is not None and grounds.build is None and grounds.calibration is None and result.has_views:
-        ahead = (None, *(row.at_mm for row in result.answer.at[1:]))
-        built = [depth_budget(Camera.of(design), at, build=looked) for at in ahead]
         result = held_as_built(result, shown, looked)
         grounds = told_as_built(grounds, result.required)
+    if findings and "calibration" in findings:
+        grounds = grounds._replace(planned=findings["calibration"].lengths)
     if grounds.required:
         result = held_to(result, grounds.required)
     known = grounds.known
@@ -154,7 +152,7 @@ def design_report(
     sections = (
         Section(
             "Summary",
-            (*opening, *first, *answer_tables(result, built)),
+            (*opening, *first, *answer_tables(result)),
         ),
         datasheet_section(grounds),
         Section("The design", (parameters, figures["dimensions"], *_seen(result), *_stops(design))),

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import partial
+from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -35,7 +36,7 @@ from ...evaluation.specification import (
     specification,
 )
 from ...evaluation.verdicts import as_sharp, lit
-from ...evaluation.working_range import RULE, WorkingRange
+from ...evaluation.working_range import WorkingRange
 from ...json_data import plain
 from ...tables import csv_bytes
 from ...theory.colours import GREEN
@@ -57,7 +58,7 @@ from ..design.figures import depth_figure, dimensions_sheet, glance
 from ..design.parts_list import named_parts
 from ..design.rays import dimensions
 from ..lens_words import lens_words
-from ..tolerance.pages import impossible_words, interval_words
+from ..tolerance.pages import impossible_words, interval_words, limits_words
 from .resolution import mtf_curves, resolution_map
 
 if TYPE_CHECKING:
@@ -79,9 +80,9 @@ USABLE = (
     "Finest detail that shows as what it is: the coarser of what still has half its contrast (MTF 50 %) and of half a "
     "period a microlens, above which detail aliases."
 )
-RANGE = "working range"
-"""Name of the lines on it."""
 DEPTH, EXPECTED = "Depth noise (bound), 1 σ", "Depth, expected"
+LEADS = "expanded uncertainty U"
+"""Beginning of the name of the line that leads them."""
 SHARP = f"Sharp: {CRITERION}."
 SMALL = 0.1
 """Length below which micrometres are printed, as `words.length` has them [mm]."""
@@ -240,6 +241,8 @@ class SpreadSources(NamedTuple):
     """Requirements as builds meet them, where a tolerance study gives them."""
     looked: LengthCovariance | None = None
     """Lengths as a first look builds them: of the page the verdict on a required depth alone counts them."""
+    planned: CalibratedLengths | None = None
+    """Lengths as a calibration that is planned will know them, for the table of depths by lengths alone."""
 
     @property
     def design(self) -> Design:
@@ -248,8 +251,13 @@ class SpreadSources(NamedTuple):
 
     @property
     def known(self) -> KnownLengths:
-        """Knowledge of lengths that depth, expected, is drawn with: as built, else as a first look builds them."""
-        return KnownLengths(self.looked if self.build is None else self.build, self.calibration, self.at)
+        """Knowledge of lengths that depth, expected, is drawn with."""
+        return KnownLengths(self.build if self.calibration is None else self.before, self.calibration, self.at)
+
+    @property
+    def before(self) -> LengthCovariance | None:
+        """Lengths as they are known before a calibration: as built, else as a first look builds them."""
+        return self.looked if self.build is None else self.build
 
     @property
     def words(self) -> str:
@@ -367,17 +375,11 @@ def _range_lines(within: WorkingRange) -> Iterator[_SheetLine]:
 
 
 def told_as_built(grounds: SpreadSources, required: Sequence[Requirement]) -> SpreadSources:
-    """Sources whose lines on the working range and on a required depth count lengths as a first look builds them."""
-    count, looked, camera = len(required), "; lengths as a first look builds them", Camera.of(grounds.design)
-    told = zip(required, grounds.rows[:count], _required_lines(required), strict=True)
+    """Sources whose lines on a required depth count lengths as a first look builds them."""
+    looked = "; lengths as a first look builds them"
+    told = zip(required, grounds.rows, _required_lines(required), strict=False)
     rows = [new._replace(remark=new.remark + looked) if one.quantity == "u_z_mm" else old for one, old, new in told]
-    within = _range_lines(WorkingRange.of(camera, partial(depth_budget, camera, build=grounds.looked)))
-    others = grounds.rows[count:]
-    first = next((k for k, row in enumerate(others) if row.name.startswith(RANGE)), len(others))
-    rows += others[:first]
-    rows += (row._replace(remark=row.remark + looked * (RULE in row.remark)) for row in within if first < len(others))
-    rows += (row for row in others[first:] if not row.name.startswith(RANGE))
-    return grounds._replace(rows=tuple(rows))
+    return grounds._replace(rows=(*rows, *grounds.rows[len(rows) :]))
 
 
 def _listed(subject: str) -> Iterator[tuple[Quantity, Listed]]:
@@ -402,9 +404,7 @@ def _expected_lines(budgets: Mapping[float | None, DepthBudget]) -> Iterator[_Sh
     budget = budgets[None]
     u, largest = float(budget.u_z_mm), budget.mostly
     missing = "" if math.isfinite(u) else "none"
-    yield _SheetLine(
-        EXPECTED, f"expanded uncertainty U, k = {COVERAGE}, {budget.lengths}", COVERAGE * u, "mm", largest, "", missing
-    )
+    yield _SheetLine(EXPECTED, f"{LEADS}, k = {COVERAGE}, {budget.lengths}", COVERAGE * u, "mm", largest, "", missing)
     yield _SheetLine(
         EXPECTED, f"standard uncertainty u, {budget.lengths}", u, "mm", "68 of 100 lie within", "", missing
     )
@@ -555,7 +555,8 @@ def basis(
         share = 100 * built.final.result.value
         sentences.append(
             f"Tolerances are two standard deviations over {built.plan.trials:,} Monte Carlo units (builds) of the "
-            f"study {built.plan.name}; yield {share:.2f} % (95 % interval {interval_words(built.final.result)} %). "
+            f"study {built.plan.name}; yield {share:.2f} % (95 % interval {interval_words(built.final.result)} %; "
+            f"{limits_words(built.final)}). "
             + built.uncounted(required)
             + (f"{lost} Tolerances are of the others. " if (lost := impossible_words(built.final)) else "")
             + "Lines that the study does not "
@@ -621,35 +622,47 @@ def _digits(value: float, digits: int, zero: float = ROUNDING) -> str:
 
 def _depths_by_lengths(grounds: SpreadSources) -> Iterator[tuple[str, DepthBudget | None, str]]:
     """Depth, expected, by how lengths are taken: each with when to quote it, or what tells it where it is not known."""
-    camera, known = Camera.of(grounds.design), grounds.known
+    camera, before = Camera.of(grounds.design), grounds.before
     looked = grounds.build is None and grounds.looked is not None
-    counts = "; the working range and required depths count it"
+    calibration = grounds.planned if grounds.calibration is None else grounds.calibration
     of_uncalibrated = "quote it of cameras that nobody calibrates"
-    of_uncalibrated += counts * (looked and known.calibration is None)
+    of_uncalibrated += "; required depths count it" * (looked and grounds.calibration is None)
     for lengths, budget, quote, tells in (
         ("as drawn", depth_budget(camera), "compare designs by it; quote it of no camera", ""),
         (
             "as a first look builds them" if looked else "as built",
-            None if known.build is None else depth_budget(camera, build=known.build),
+            None if before is None else depth_budget(camera, build=before),
             of_uncalibrated,
             "not known here: `roslf datasheet` of a tolerance study has it",
         ),
         (
             "as calibrated",
-            None if known.calibration is None else known.budget(camera, None),
-            f"quote it of a camera after its calibration{counts}",
+            None if calibration is None else depth_budget(camera, build=before, calibration=calibration),
+            "quote it of a camera after its calibration"
+            + (", as planned" if grounds.calibration is None else "; the working range and required depths count it"),
             "not known here: `roslf datasheet --calibration` FOLDER (of one made), or planned, tells it",
         ),
     ):
         yield lengths, budget, tells if budget is None else quote
 
 
-def _answers(grounds: SpreadSources) -> Iterator[_SheetLine]:
-    """Lines on depth, expected, by how lengths are taken."""
+LEFT_OUT = {"as drawn": "without what lengths add", "as calibrated": "with lengths as calibrated"}
+"""Depths, expected, by how lengths are taken, named by what they leave out; all others are without a calibration."""
+
+
+def _answers(grounds: SpreadSources, lead: _SheetLine) -> Iterator[_SheetLine]:
+    """Line on depth, expected, that leads, with when to quote it, then those that take lengths otherwise."""
+    leads = next(lengths for lengths in ("as drawn", "as built", "as calibrated") if lead.name.endswith(lengths))
+    others = []
     for lengths, budget, remark in _depths_by_lengths(grounds):
+        if lengths == leads:
+            yield lead._replace(remark=f"{lead.remark}; {remark}")
+            continue
         value = None if budget is None else float(budget.expanded_mm)
         text = NONE if value is None else "" if math.isfinite(value) else "none"
-        yield _SheetLine(EXPECTED, f"U, lengths {lengths}", value, "mm", remark, "", text)
+        name = f"U, {LEFT_OUT.get(lengths, f'without a calibration, lengths {lengths}')}"
+        others.append(_SheetLine(EXPECTED, name, value, "mm", remark, "", text))
+    yield from others
 
 
 def datasheet_section(grounds: SpreadSources) -> Section:
@@ -657,24 +670,24 @@ def datasheet_section(grounds: SpreadSources) -> Section:
     columns = (("± 2σ, builds", grounds.sigma), ("± 2σ, calibrated", grounds.calibrated))
     spreads = [column for column in columns if column[1]]
     tables: dict[str, list[tuple[str, ...]]] = {}
-    as_drawn = grounds.looked is not None and grounds.calibration is None
     where = " ± at the focal plane is wherever a camera has that; elsewhere at the distance itself." if spreads else ""
     captions = {
         "Distances": SHARP,
-        EXPECTED: "What a measured depth is to be believed to, on the axis in the focal plane; the last lines say "
-        "which U to quote." + (" How far lengths are off is a part of it: it has no ± of its own." if spreads else ""),
+        EXPECTED: "What a measured depth is to be believed to, on the axis in the focal plane. The first U "
+        "leads; those below it take lengths otherwise, and each says when to quote it."
+        + (" How far lengths are off is a part of it: it has no ± of its own." if spreads else ""),
         DEPTH: "What photons and read noise alone allow, one standard deviation of one measurement, "
         f"{depth_basis(grounds.sheet.depth_precision.assumes)}: no instrument reaches it.",
-        "Object field": f"Ends are those of the working range{', lengths as drawn' * as_drawn}.{where}",
+        "Object field": f"Ends are those of the working range.{where}",
         "Resolution": USABLE + where,
     }
-    for line in (*grounds.rows, *(_answers(grounds) if grounds.sheet.has_views else ())):
+    rows = (_answers(grounds, line) if line.name.startswith(LEADS) else (line,) for line in grounds.rows)
+    for line in chain.from_iterable(rows):
         if line.name == PARTS:  # too long for a cell
             captions[line.subject] = f"{line.text} parts: {line.remark}."
             continue
-        rows = tables.setdefault(line.subject, [])
-        cells = (_spread(line, sigma) for _, sigma in spreads)
-        rows.append((line.name, _value(line), *cells, line.remark))
+        told = (_spread(line, sigma) for _, sigma in spreads)
+        tables.setdefault(line.subject, []).append((line.name, _value(line), *told, line.remark))
     widths, align = (24, 10, *(8 for _ in spreads), 0), f"ld{'l' * len(spreads)}l"
     headings = ("", "value", *(heading for heading, _ in spreads), "")
     blocks: list[Block] = [Paragraph(grounds.words)]
@@ -682,11 +695,11 @@ def datasheet_section(grounds: SpreadSources) -> Section:
     blocks += [Paragraph(text) for text in words.sheet]
     if not grounds.design.aligned:
         blocks.append(Paragraph(TILTED))
-    for title, rows in tables.items():
+    for title, cells in tables.items():
         first = title == next(iter(tables))
         blocks.append(
             Table(
-                tuple(rows), align, headings if first else (), title, captions.get(title, ""),
+                tuple(cells), align, headings if first else (), title, captions.get(title, ""),
                 widths=widths, dense=True,
             )
         )  # fmt: skip

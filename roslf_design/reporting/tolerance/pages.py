@@ -137,8 +137,27 @@ def headline(result: StudyResult) -> str:
     return (
         f"Yield {100 * result.final.result.value:.2f} %{adjusted}, "
         f"95 % interval {interval_words(result.final.result)} %, "
-        f"{plan.trials:,} Monte Carlo units (builds), seed {plan.draws.seed}"
+        f"{plan.trials:,} Monte Carlo units (builds), seed {plan.draws.seed}; {limits_words(result.final)}"
     )
+
+
+def limits_words(variant: Variant) -> str:
+    """Limits that a yield is by, in words, once a quantity where its fields have the same."""
+    columns = {column.label: column.column for column in variant.distributions}
+    edges: dict[tuple[str, str], set[tuple[float, float]]] = {}
+    for limit in variant.limits:
+        column = columns[limit.label]
+        where = "" if column.at is None else f" at {number(column.at)} mm"
+        what = in_words(column.quantity.name) + where, column.quantity.unit
+        edges.setdefault(what, set()).add((limit.low, limit.high))
+    told = []
+    for (name, unit), each in edges.items():
+        low, high = each.pop()
+        within = f"{number(low)} to {number(high)}"
+        if not math.isfinite(low) or not math.isfinite(high):
+            within = f"at most {number(high)}" if math.isfinite(high) else f"at least {number(low)}"
+        told.append(f"{name} by place" if each else f"{name} {within} {unit}".rstrip())
+    return f"limits: {', '.join(told)}"
 
 
 def short_words(result: StudyResult) -> str:
