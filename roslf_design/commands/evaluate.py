@@ -12,7 +12,7 @@ from ..errors import refusal
 from ..evaluation import evaluate as compute
 from ..evaluation.evaluate import evaluation_accuracy
 from ..evaluation.fields import MOST_FIELDS
-from ..evaluation.result import print_evaluation
+from ..evaluation.result import field_table, print_evaluation, print_short
 from ..evaluation.specification import FieldImages, specification
 from ..tables import csv_bytes
 from ..theory.limits import as_design
@@ -37,10 +37,12 @@ def evaluate(
     field: Annotated[list[str] | None, Parameter(allow_leading_hyphen=True, negative=())] = None,
     at: Distances = None,
     temperature: Annotated[str | None, Parameter(allow_leading_hyphen=True, negative=())] = None,
+    everything: Annotated[bool, Parameter(name="--all", negative=())] = False,
+    strict: Annotated[bool, Parameter(negative=())] = False,
     json: Json = False,
     output: OptionalOutput = None,
     accuracy: float | None = None,
-) -> None:
+) -> int:
     """Verdicts on a camera and its numbers: what it sees, how deep it measures, what is wrong, what would mend it.
 
     Parameters
@@ -53,6 +55,12 @@ def evaluate(
         times.
     temperature
         Of the camera, as "37degC". Default: what the design's [environment] says, else 20 degC.
+    everything
+        Print all of it: every verdict in full with its remedy, the tables, the effects. Default: a screen of first
+        answers and verdicts in brief.
+    strict
+        End with exit code 1 where the design misses something that its [required] asks for. Default: 0; a verdict is an
+        answer, no error.
     output
         Write all numbers to this file instead, as .json, or as .csv for spreadsheets: a row for each, by its place in
         the JSON.
@@ -76,6 +84,7 @@ def evaluate(
     distances = read_distances(at)
     shown = FieldImages.of(loaded)
     result = compute(loaded, fields, accuracy, at=distances, shown=shown)
+    ending = int(strict and not all(one.met for one in result.required))
     statement = evaluation_accuracy(loaded, result, accuracy, time.perf_counter() - began)
     if json or output is not None:
         # Without an accuracy asked for, nothing that differs from run to run.
@@ -83,17 +92,21 @@ def evaluate(
         data = result.to_dict() | sheet | {"accuracy": statement.to_dict(times=accuracy is not None)}
         if output is None:
             print(json_text(data))
-            return
+            return ending
         as_table = output.suffix.lower() == ".csv"
         content = csv_bytes([("key", "value"), *rows(data)]) if as_table else f"{json_text(data)}\n".encode()
         write_files(output.parent, {output.name: content})
         say(output)
-        return
+        return ending
     from rich.console import Console
 
-    print_evaluation(result, Console())
+    if everything:
+        print_evaluation(result, Console())
+    else:
+        print_short(result, Console(), [] if fields is None else [field_table(result)])
     if accuracy is not None:
         print(f"\n{statement.sentence()}")
+    return ending
 
 
 def rows(data: Any, place: str = "") -> Iterator[tuple[str, Any]]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import io
 import math
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,7 @@ from ..theory.depth_budget import COVERAGE, KINDS, BudgetTerm, DepthBudget
 from ..theory.focused import FocusedArray
 from ..theory.quantities import QUANTITIES, quantity_named
 from ..theory.quantity import Quantity
-from ..words import fixed, number, place, spaced, uncertainty
+from ..words import fixed, listed, number, place, spaced, uncertainty
 from .answer import DISTANCES, MEANT, FirstAnswer
 from .groups import DepthAssumptions, Field, LookedThrough, Numbers, RealLens, Temperatures, Verdict
 from .required import Requirement
@@ -399,17 +400,45 @@ def _tables(result: Evaluation) -> list[Table]:
     return [*first, *fact_tables(result), *depth_budget_tables(result), *last, *fields, *lens, effects_table(result)]
 
 
-def print_evaluation(result: Evaluation, console: Console) -> None:
-    """Print the first answer, the verdicts, then the tables."""
+def print_short(result: Evaluation, console: Console, more: Sequence[Table] = ()) -> None:
+    """Print the first answer and, briefly, the verdicts: faults, what is to be known, what is good; then `more`."""
+    by_level = {level: [one for one in result.verdicts if one.level == level] for level in MARKS}
+    brief = [replace(one, text=_brief(one.text), remedy=_brief(one.remedy)) for one in by_level["fault"]]
+    brief += [replace(one, text=_brief(one.text), remedy="") for one in by_level["limit"]]
+    if good := [_brief(one.text).partition(": ")[::2] for one in by_level["good"]]:
+        asked = [rest.partition(" is ")[0] for name, rest in good if name == "as required"]
+        named = [f"as required: {listed(asked)}"] if asked else []
+        named += [name for name, _ in good if name != "as required"]
+        brief.append(Verdict.of("good", "; ".join(named)))
+    _print_answer(result, brief, console)
+    for table in more:
+        print_table(table, console)
+    console.print(plain_text("\nAll of it, remedies and tables: roslf evaluate --all", "dim"))
+
+
+def _brief(text: str) -> str:
+    """A verdict's first statement, without what stands in brackets."""
+    while (bare := re.sub(r" \([^()]*\)", "", text)) != text:
+        text = bare
+    return text.partition("; ")[0]
+
+
+def _print_answer(result: Evaluation, verdicts: Sequence[Verdict], console: Console) -> None:
+    """Print the first answer and verdicts; that pixels are no views, the first one then, before all."""
     console.print(plain_text(result.design, "bold"))
     leading = 0 if result.has_views or result.focused is not None else 1
-    _print_verdicts(result.verdicts[:leading], console)
+    _print_verdicts(verdicts[:leading], console)
     for table in answer_tables(result):
         print_table(table, console, least=() if table.headings else LEAST)
     console.print()
-    _print_verdicts(result.verdicts[leading:], console)
+    _print_verdicts(verdicts[leading:], console)
     for warning in result.warnings:
         console.print(plain_text(f"! {warning}", "yellow"))
+
+
+def print_evaluation(result: Evaluation, console: Console) -> None:
+    """Print the first answer, the verdicts, then the tables."""
+    _print_answer(result, result.verdicts, console)
     for table in _tables(result):
         print_table(table, console, least=() if table.headings else LEAST)
     console.print(plain_text(absent_effects(result), "dim"))

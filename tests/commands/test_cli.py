@@ -7,6 +7,7 @@ import sys
 
 import pytest
 
+from roslf_design import evaluate, preset_names
 from roslf_design.cli import COMMANDS, main
 from roslf_design.errors import printable
 
@@ -27,10 +28,35 @@ def test_evaluate_json(capsys, root):
 
 
 def test_evaluate_table_and_preset_name(capsys):
-    code, out, err = run(capsys, "evaluate", "paper")
+    code, out, err = run(capsys, "evaluate", "paper", "--all")
     assert (code, err) == (0, "")
     assert "f-number matched" in out
     assert "1.00506" in out
+    assert "→ larger microlenses" in out
+    assert len(out.splitlines()) > 100
+
+
+def test_an_evaluation_fits_on_a_screen_and_tells_every_fault(capsys):
+    for name in preset_names():
+        code, out, _ = run(capsys, "evaluate", name)
+        assert code == 0
+        assert len(out.splitlines()) <= 40, out
+        verdicts = evaluate(name).verdicts
+        assert out.count("✗ ") == sum(verdict.level == "fault" for verdict in verdicts)
+        assert sum(line.startswith("~ ") for line in out.splitlines()) == sum(v.level == "limit" for v in verdicts)
+        assert "What it sees" in out
+    code, out, _ = run(capsys, "evaluate", "paper", "--field", "1.5")
+    assert "\n1.5, 0  " in out
+
+
+def test_strict_fails_where_something_required_is_missed(capsys, tmp_path, root):
+    for most, failed in (("1 mm", 0), ("1 um", 1)):
+        path = tmp_path / "design.toml"
+        path.write_text((root / "designs/paper.toml").read_text() + f'\n[required]\nu_z_mm = {{max = "{most}"}}\n')
+        assert run(capsys, "evaluate", path)[0] == 0
+        assert run(capsys, "evaluate", path, "--strict")[0] == failed
+        assert run(capsys, "evaluate", path, "--strict", "--json")[0] == failed
+        assert run(capsys, "evaluate", path, "--strict", "-o", tmp_path / "a.csv")[0] == failed
 
 
 def test_presets(capsys):
