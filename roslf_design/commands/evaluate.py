@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from cyclopts import Parameter
@@ -12,7 +13,7 @@ from ..errors import refusal
 from ..evaluation import evaluate as compute
 from ..evaluation.evaluate import evaluation_accuracy
 from ..evaluation.fields import MOST_FIELDS
-from ..evaluation.result import field_table, print_evaluation, print_short
+from ..evaluation.result import Evaluation, field_table, print_evaluation, print_short
 from ..evaluation.specification import FieldImages, specification
 from ..tables import csv_bytes
 from ..theory.limits import as_design
@@ -20,6 +21,7 @@ from ..units import FARTHEST, read_quantity
 from .terminal import (
     DesignName,
     Distances,
+    Flat,
     Json,
     OptionalOutput,
     check_target,
@@ -30,6 +32,25 @@ from .terminal import (
 )
 
 
+@dataclass(frozen=True)
+class _Told:
+    """Extent to which an evaluation is printed, and how the command ends."""
+
+    everything: Annotated[bool, Parameter(name="--all", negative=())] = False
+    """Print all of it: every verdict in full with its remedy, the tables, the effects. Default: a screen of first
+    answers and verdicts in brief."""
+    strict: Annotated[bool, Parameter(negative=())] = False
+    """End with exit code 1 where the design misses something that its [required] asks for. Default: 0; a verdict is an
+    answer, no error."""
+
+    def exit_code(self, result: Evaluation) -> int:
+        """Exit code after an answer."""
+        return int(self.strict and not all(one.met for one in result.required))
+
+
+BRIEFLY = _Told()
+
+
 def evaluate(
     design: DesignName,
     /,
@@ -37,8 +58,7 @@ def evaluate(
     field: Annotated[list[str] | None, Parameter(allow_leading_hyphen=True, negative=())] = None,
     at: Distances = None,
     temperature: Annotated[str | None, Parameter(allow_leading_hyphen=True, negative=())] = None,
-    everything: Annotated[bool, Parameter(name="--all", negative=())] = False,
-    strict: Annotated[bool, Parameter(negative=())] = False,
+    told: Annotated[_Told, Flat] = BRIEFLY,
     json: Json = False,
     output: OptionalOutput = None,
     accuracy: float | None = None,
@@ -55,12 +75,6 @@ def evaluate(
         times.
     temperature
         Of the camera, as "37degC". Default: what the design's [environment] says, else 20 degC.
-    everything
-        Print all of it: every verdict in full with its remedy, the tables, the effects. Default: a screen of first
-        answers and verdicts in brief.
-    strict
-        End with exit code 1 where the design misses something that its [required] asks for. Default: 0; a verdict is an
-        answer, no error.
     output
         Write all numbers to this file instead, as .json, or as .csv for spreadsheets: a row for each, by its place in
         the JSON.
@@ -84,7 +98,7 @@ def evaluate(
     distances = read_distances(at)
     shown = FieldImages.of(loaded)
     result = compute(loaded, fields, accuracy, at=distances, shown=shown)
-    ending = int(strict and not all(one.met for one in result.required))
+    ending = told.exit_code(result)
     statement = evaluation_accuracy(loaded, result, accuracy, time.perf_counter() - began)
     if json or output is not None:
         # Without an accuracy asked for, nothing that differs from run to run.
@@ -100,7 +114,7 @@ def evaluate(
         return ending
     from rich.console import Console
 
-    if everything:
+    if told.everything:
         print_evaluation(result, Console())
     else:
         print_short(result, Console(), [] if fields is None else [field_table(result)])
