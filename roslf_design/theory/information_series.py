@@ -23,6 +23,9 @@ many others at least; and the share from which on a term counts, as far as `_coo
 MOST, FEW, HALVED = 600, 3, 0.1
 """Terms of a series beyond which its box is halved instead; images for each of them, at least; and the share of a box
 over which halves give way to each other, so that sigma has slopes there too."""
+LITTLE, SLOPES, BENT = 1e-3, 64, 2.0
+"""Spread of a coordinate, over its reach, from which on it tells others; steps in a unit of how much of them; and how
+much wider halves count whose whole had a series that was not right."""
 NESTED = np.array([0.0, 1.0, -1.0, -0.577, 0.659, -0.839, 0.87, 0.306, -0.321, -0.943, 0.953, 0.48, -0.712, -0.156])
 """Places along an axis, each where it adds most to those before it (Leja)."""
 CLOSE, STEP = 0.004, 1e-5
@@ -58,22 +61,24 @@ def interpolated_information(images: ImageRows, c: ArrayKind, level: int) -> Arr
         logarithms = _by_tangents(case, about)
         return summed_information(images, c, level, whole=True) if logarithms is None else np.exp(logarithms) * scale
     information, alone = np.zeros(scale.shape), np.zeros(len(scale))
-    boxes = [(np.arange(len(scale)), np.ones(len(scale)))]
+    about, spread = _uncorrelated(about / reach[:, None])
+    along, spread = np.sqrt(np.square(spread).sum(0)), reach[:, None] * spread
+    boxes = [(np.arange(len(scale)), np.ones(len(scale)), 1.0)]
     while boxes:
-        mine, weight = boxes.pop()
+        mine, weight, bent = boxes.pop()
         here = about[:, mine]
         least, most = here.min(1), here.max(1)
         # Of round sizes at round places, so that the next block of builds has the same.
         half = 2 ** (np.ceil(4 * np.log2(np.maximum(most - least, 1e-9) * 8 / 7)) / 4) / 2
         middle = np.round(2 * (least + most) / half) * half / 4
-        shares = half / reach
+        shares = half * along * bent
         terms = _terms(tuple(shares.tolist()))
         if FEW * min(len(terms), MOST) > mine.size:
             alone[mine] += weight
             continue
         if len(terms) <= MOST:
             away = (here - middle[:, None]) / half[:, None]
-            values = _series(case, middle.tobytes(), half.tobytes(), tuple(shares.tolist()))
+            values = _series(case, middle.tobytes(), half.tobytes(), spread.tobytes(), tuple(shares.tolist()))
             with np.errstate(all="ignore"):  # where nothing tells anything, no series is right
                 guessed = np.exp(_sum_of(values, away, terms)) * scale[mine]
             ends = away[terms.any(0)]
@@ -82,16 +87,31 @@ def interpolated_information(images: ImageRows, c: ArrayKind, level: int) -> Arr
             if (np.abs(guessed[some] - summed) <= TRUE * summed).all():
                 information[mine] += weight[:, None] * guessed
                 continue
+            bent *= BENT  # more than foreseen
         widest = np.argmax(shares)
         above = np.clip((here[widest] - middle[widest]) / (HALVED * half[widest]) + 0.5, 0.0, 1.0)
         if (above > 0).all() or (above < 1).all():
             alone[mine] += weight
         else:
-            boxes += [(mine[part > 0], (weight * part)[part > 0]) for part in (1 - above, above)]
+            boxes += [(mine[part > 0], (weight * part)[part > 0], bent) for part in (1 - above, above)]
     some = np.flatnonzero(alone)
     if some.size:
         information[some] += alone[some, None] * summed_information(images.at(some), c, level, whole=True)
     return information
+
+
+def _uncorrelated(about: Array) -> tuple[Array, Array]:
+    """Coordinates less what those before them tell of them, and what turns these into the former, (K, K).
+
+    Builds vary in few lengths, each of which moves several coordinates. Round slopes, so that the next block has them.
+    """
+    own, back = about.copy(), np.eye(len(about))
+    for row, column in zip(*np.tril_indices(len(about), -1), strict=True):
+        known = own[column] - own[column].mean()
+        if np.ptp(known) > LITTLE:
+            back[row, column] = np.round(SLOPES * (own[row] @ known) / (known @ known)) / SLOPES
+            own[row] -= back[row, column] * own[column]
+    return own, back
 
 
 def _by_tangents(case: _Case, about: Array) -> Array | None:
@@ -165,7 +185,7 @@ def _terms(shares: tuple[float, ...]) -> NDArray[np.intp]:
 
 
 @functools.lru_cache(maxsize=256)
-def _series(case: _Case, middle: bytes, half: bytes, shares: tuple[float, ...]) -> Array:
+def _series(case: _Case, middle: bytes, half: bytes, spread: bytes, shares: tuple[float, ...]) -> Array:
     """Coefficients of the terms of a series over a box, shape (terms, M).
 
     Through as many places as there are terms: nested along each axis, they pin all of them down.
@@ -173,6 +193,7 @@ def _series(case: _Case, middle: bytes, half: bytes, shares: tuple[float, ...]) 
     terms = _terms(shares)
     offsets = NESTED[terms].T
     places = np.frombuffer(middle)[:, None] + np.frombuffer(half)[:, None] * offsets
+    places = np.frombuffer(spread).reshape(len(places), -1) @ places
     logarithms = _logarithms(case, len(places), places.tobytes())
     with np.errstate(invalid="ignore"):
         return np.asarray(np.linalg.solve(np.stack(list(_powers(offsets, terms)), -1), logarithms), float)

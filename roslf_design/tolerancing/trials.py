@@ -99,7 +99,8 @@ def holding(plan: TolerancePlan, deviations: Array, scale: float = 1.0) -> NDArr
     """True where a build holds all limits, (T,): `TolerancePlan.stages` ask those alone that hold what comes before."""
     left = np.arange(deviations.shape[1])
     for stage in plan.stages:
-        left = left[stage.passes(measure_finally(stage, deviations[:, left], scale)).all(axis=0)]
+        if left.size:
+            left = left[stage.passes(measure_finally(stage, deviations[:, left], scale)).all(axis=0)]
     return np.isin(np.arange(deviations.shape[1]), left)
 
 
