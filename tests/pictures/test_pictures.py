@@ -538,3 +538,22 @@ def test_a_design_from_another_process_lies_in_air_as_before():
     there = pickle.loads(pickle.dumps(THROUGH["objective"]))
     assert meridional(there).svg() == meridional(THROUGH["objective"]).svg()
     assert evaluate(there).object_space == evaluate(THROUGH["objective"]).object_space
+
+
+def test_the_tube_is_drawn_to_the_scale_of_heights_with_its_limit():
+    """Wall, light guide and the outer diameter that is required, where the design file puts them."""
+    tube = {"outer_diameter": "6 mm", "wall": "0.2 mm", "light_guide": "0.3 mm", "length": "2 mm"}
+    scope = load("rigid-scope")
+    stated = scope.replace({"tube": tube, "required": {"outer_diameter_mm": {"max": "7 mm"}}})
+    picture = meridional(stated)
+    bands = {(min(np.abs(m.y)), max(np.abs(m.y))) for m in picture.marks if m.testid == "tube"}
+    assert sorted(bands) == [pytest.approx((2.5, 2.8)), pytest.approx((2.8, 3.0))]
+    ends = {(min(m.x), max(m.x)) for m in picture.marks if m.testid == "tube"}
+    assert list(ends) == [pytest.approx((-0.5, 1.5))]
+    assert {abs(m.y[0]) for m in picture.marks if m.testid == "tube-limit"} == {3.5}
+    told = " ".join(key.label for key in picture.keys)
+    assert "tube, 6 mm outside light guide required: at most 7 mm" in told
+    narrowest = meridional(scope)
+    outer = evaluate(scope).answer.outer_diameter_mm
+    assert {float(abs(m.y[0])) for m in narrowest.marks if m.testid == "tube"} == {outer / 2}
+    assert f"narrowest tube, {outer:g} mm outside" in [key.label for key in narrowest.keys]

@@ -40,7 +40,7 @@ def glance(design: Design, views: bool, known: KnownLengths = DRAWN) -> Figure:
     system = meridional(design, (PAGE, 210.0), key=False)
     parts = [microlens_image(design, (0.0, 0.0), (270.0, low), name="glance-image", key=False)]
     across, up = system.mapping.per_px
-    above = f"Above, {scale_words(across / up)}: the camera and {ray_words(design)}."
+    above = f"Above, {scale_words(across / up)}: the camera in its tube and {ray_words(design)}."
     words = f"{above} Below: the image that the middle microlens paints"
     if views:
         parts.append(depth_precision(design, (PAGE - 270.0, low), known))
@@ -71,7 +71,8 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
     caption = (
         "Below, larger, the tip, and array and sensor. Solid rays reach the sensor; dashed orange rays are blocked and "
         "end, with a cross, at what stops them (the outermost of each fan miss the FAP on purpose, to show it at "
-        "work). The FAP is black, the main lens and its mount blue; mounts reach to the rim, no tube is drawn."
+        "work). The FAP is black, the main lens and its mount blue. The tube, to the scale of heights, reaches from "
+        "tip to sensor: as [tube] states it, else the narrowest about clear apertures and sensor."
         f"{through}{lens_words(design.main_lens.kind).twin} {follow} {plane}"
     )
     return replace(Figure.of("rays", "Meridional ray diagram", caption, ray_diagrams(design)), fixed=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -22,7 +23,9 @@ from ...evaluation import default_fields
 from ...lenses.glass import AIR
 from ...lenses.material import material_label
 from ...rays import PASSED, fans, glass_shares, trace_pupil
+from ...theory.limits import limits
 from ...theory.quantities import QUANTITIES
+from ...theory.tube import shell
 from ...words import length, listed
 
 if TYPE_CHECKING:
@@ -138,7 +141,8 @@ def meridional(
         line_key(fan.label if fan.kept.any() else f"{fan.label} (dark)", colour, 1.9)
         for fan, colour in zip(drawn, FIELDS, strict=True)
     ]
-    blocked = sum(int((~fan.kept).sum()) for fan in drawn)
+    tube = _Tube.of(design)
+    blocked = sum(int(tube.meets(fan).sum()) for fan in drawn)
     if blocked:
         cross = Dots((0.0,), (0.0,), "vermillion", "x", 3.5, width=1.5)
         lost = any(fan.kept.sum() < np.sum(np.abs(np.linspace(-FILL, FILL, RAYS)) <= 1) for fan in drawn)
@@ -156,23 +160,24 @@ def meridional(
         return [Key(words if whole else f"{words}; object plane {short(design.d_f)} mm before the lens", ruler)]
 
     # How many rows the legend takes must be known before the scale is, which it tells.
+    keys += tube.keys if key else ()
     foot = legend_height([*keys, *scales(100.0)], size[0] - 28)
-    section = _section(thin, drawn, (size[0], size[1] - foot), whole, close)
+    section = _section(thin, drawn, (size[0], size[1] - foot), whole, close, tube)
     keys += scales(section.exaggeration)
     tip, half = -_front(thin), section.half
-    marks: list[Mark] = [_block(tip, thin.d_1 + thin.d_2, -half, half, "pale", 0.28)]
+    marks: list[Mark] = tube.marks(half)
     if medium:
         marks.append(_block(section.panel.x.low, tip, -half, half, *MEDIUM, testid="medium"))
     marks += _glass(thin, section)
     for fan, colour in zip(drawn, FIELDS, strict=True):
-        marks += _fan(fan, colour, half)
-    marks += [*_elements(thin, section), *_names(section), *_openings(thin, section), *_lengths(thin, section)]
+        marks += _fan(fan, colour, half, tube)
+    marks += [*_elements(thin, section), *_names(section), *_openings(thin, section, drawn), *_lengths(thin, section)]
     ends = section.panel.x[:2]
     panel = section.panel.with_marks(*(mark for mark in marks if mark.clip or _within(mark, *ends)))
     height = max(size[1], panel.bottom + section.under + foot)
     title = (
         f"Meridional section of {design.name}: rays of {', '.join(fan.label for fan in drawn)}; "
-        f"{blocked} of {sum(fan.kept.size for fan in drawn)} drawn rays are blocked"
+        f"{blocked} of {blocked + sum(int(fan.kept.sum()) for fan in drawn)} drawn rays are blocked"
     )
     key_box = (16.0, height - foot - 3, size[0] - 28)
     return Picture("meridional", title, (size[0], height), (panel,), tuple(keys), key_box)
@@ -211,10 +216,72 @@ def scale_words(exaggeration: float) -> str:
     return f"lengths to scale, heights ×{short(exaggeration)}"
 
 
+@dataclass(frozen=True)
+class _Tube:
+    """Tube about an instrument's section, along the axis from its tip: the design's, or the narrowest one."""
+
+    inner: float
+    """Half of what is inside [mm]."""
+    wall: float
+    """Half of what the wall, without a ring of light fibres within it, goes around [mm]."""
+    outer: float
+    """Half the outer diameter [mm]."""
+    ends: tuple[float, float]
+    """Tip and other end [mm]."""
+    stated: bool
+    most: float
+    """Half the outer diameter that is required at most [mm]; infinite where none is."""
+
+    @classmethod
+    def of(cls, design: Design) -> _Tube:
+        """Tube of a design, which may be widened by no part that it does not hold."""
+        tip, end = -_front(design), design.d_1 + design.d_2
+        most = min((high for _, one, _, high in limits(design) if one.name == OUTER and high), default=math.inf) / 2
+        if (tube := design.tube) is None:
+            outer = float(QUANTITIES[OUTER](Camera.of(design))) / 2
+            return cls(outer, outer, outer, (tip, end), False, most)
+        cold = Camera.of(design).cold  # as it is stated, at 20 degrees C
+        outer = float(cold["tube.outer_diameter"]) / 2
+        far = end if tube.length is None else tip + tube.length
+        return cls(outer - float(shell(cold)), outer - float(cold["tube.wall"]), outer, (tip, far), True, most)
+
+    @property
+    def keys(self) -> tuple[Key, ...]:
+        """Entries of it in a legend."""
+        size = f"{short(2 * self.outer)} mm outside"
+        keys = [box_key(f"tube, {size}", *TUBE) if self.stated else line_key(f"narrowest tube, {size}", "grey", 1.2)]
+        keys += [box_key("light guide", *GUIDE)] * (self.wall > self.inner)
+        keys += [line_key(f"required: at most {short(2 * self.most)} mm", *LIMIT)] * math.isfinite(self.most)
+        return tuple(keys)
+
+    def marks(self, half: float) -> list[Mark]:
+        """Drawing of it, of what a picture so high shows [mm]."""
+        tip, end = self.ends
+        marks: list[Mark] = [_block(tip, end, -min(self.inner, half), min(self.inner, half), "pale", 0.28)]
+        for sign in (-1, 1):
+            for low, high, fill in ((self.inner, self.wall, GUIDE), (self.wall, self.outer, TUBE)):
+                if low < min(high, half):
+                    marks.append(_block(tip, end, sign * low, sign * min(high, half), *fill, testid="tube"))
+            if not self.stated and self.outer <= half:
+                marks.append(Line([tip, end], [sign * self.outer] * 2, "grey", 1.2, testid="tube"))
+            if self.most <= half:
+                marks.append(Line([tip, end], [sign * self.most] * 2, *LIMIT, testid="tube-limit"))
+        return marks
+
+    def meets(self, fan: _LabelledFan) -> NDArray[np.bool_]:
+        """Which blocked rays of a fan end within it; those that pass it outside are not drawn."""
+        return ~fan.kept & (np.abs(fan.x[:, -1]) <= self.outer * (1 + 1e-9))
+
+    def rim(self, edge: float, least: float) -> float:
+        """How far from the axis a mount reaches whose opening ends at `edge` [mm]; by `least` where it has no room."""
+        return math.copysign(max(self.inner, abs(edge) + least), edge)
+
+
 class _SectionLayout(NamedTuple):
     """Layout of a section: where things are in the picture."""
 
     panel: Panel
+    tube: _Tube
     half: float
     """Elements and rays reach this high [mm]."""
     exaggeration: float
@@ -231,7 +298,9 @@ class _SectionLayout(NamedTuple):
     """Room below it for dimensions [px]."""
 
 
-def _section(design: Design, drawn: list[_LabelledFan], size: Point, whole: bool, close: str = "") -> _SectionLayout:
+def _section(
+    design: Design, drawn: list[_LabelledFan], size: Point, whole: bool, close: str, tube: _Tube
+) -> _SectionLayout:
     end, front = design.d_1 + design.d_2, _front(design)
     length = end + (design.d_f if whole else front)
     left = -design.d_f - 0.05 * length if whole else -front - 0.14 * length
@@ -241,6 +310,8 @@ def _section(design: Design, drawn: list[_LabelledFan], size: Point, whole: bool
     elif close:
         left, right = design.d_1 - 3 * design.d_2, end + design.d_2 / 4
     solid = [*reaches(design, left, right), *[math.hypot(*design.sensor_size) / 2] * (right >= end)]
+    if close != "sensor":  # which may be far smaller than the tube
+        solid += [tube.outer, *[tube.most] * (tube.most < TALLEST * tube.outer)]
     high = np.abs([_heights(fan, left, right if close else math.inf) for fan in drawn])
     # Where all light passes, and where it starts; what is blocked may run to any height.
     lit = max(*solid, high[..., 0].max(), np.where([fan.kept for fan in drawn], high.max(axis=-1), 0.0).max())
@@ -266,7 +337,7 @@ def _section(design: Design, drawn: list[_LabelledFan], size: Point, whole: bool
     width, tall = along * (right - left), 2 * half * along * factor
     x, y = side[0] + (across - width) / 2, over + (max(size[1] - over - under, LOWEST) - tall) / 2
     panel = Panel((x, y, width, tall), Scale(left, right), Scale(-half, half), bare=True)
-    return _SectionLayout(panel, half, factor, sides, tuple(names), tuple(rows), whole, under)
+    return _SectionLayout(panel, tube, half, factor, sides, tuple(names), tuple(rows), whole, under)
 
 
 def _heights(fan: _LabelledFan, left: float, right: float) -> Array:
@@ -332,9 +403,9 @@ def name_of_drawn(at: Placed[AnyElement], fold: bool = False) -> str:
     return at.name + (f", {drawn}turns by {math.degrees(at.part.turn):.3g}°" if at.part.turn else "")
 
 
-def _cut(fan: _LabelledFan, half: float) -> tuple[Array, Array]:
-    """Corners of the blocked rays, those that leave the picture as far as they are in it."""
-    z, x = fan.z[~fan.kept].copy(), fan.x[~fan.kept].copy()
+def _cut(fan: _LabelledFan, half: float, among: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Corners of some rays, those that leave the picture as far as they are in it."""
+    z, x = fan.z[among].copy(), fan.x[among].copy()
     for k in range(1, x.shape[1]):
         step = x[:, k] - x[:, k - 1]
         over = np.abs(x[:, k]) > half
@@ -343,15 +414,15 @@ def _cut(fan: _LabelledFan, half: float) -> tuple[Array, Array]:
     return z, x
 
 
-def _fan(fan: _LabelledFan, colour: str, half: float) -> list[Mark]:
+def _fan(fan: _LabelledFan, colour: str, half: float, tube: _Tube) -> list[Mark]:
     passed = np.flatnonzero(fan.kept)
     marks: list[Mark] = []
     for number in passed:
         # Chief and marginal rays stand out.
         width = 1.9 if number == len(fan.kept) // 2 else 1.4 if number in (passed[0], passed[-1]) else 0.6
         marks.append(Line(fan.z[number], fan.x[number], colour, width, testid="ray"))
-    if not fan.kept.all():
-        z, x = _cut(fan, half)
+    if (met := tube.meets(fan)).any():
+        z, x = _cut(fan, half, met)
         inside = np.abs(x[:, -1]) < half
         marks.append(Line(parted(z), parted(x), "vermillion", 0.8, "4 3", testid=f"blocked-{fan.label.split()[0]}"))
         marks.append(Dots(z[inside, -1], x[inside, -1], "vermillion", "x", 3.5, width=1.5, clip=True))
@@ -359,22 +430,22 @@ def _fan(fan: _LabelledFan, colour: str, half: float) -> list[Mark]:
 
 
 def _elements(design: Design, section: _SectionLayout) -> list[Mark]:
-    half, (mm, _) = section.half, section.panel.per_px
+    half, (mm, up), tube = section.half, section.panel.per_px, section.tube
     end = design.d_1 + design.d_2
     marks: list[Mark] = [Line([section.panel.x.low, end], [0.0, 0.0], "grey", 0.8, "10 3 2 3")]
     for number, stop in enumerate(design.openings):
         for sign in (-1, 1):
             edge = stop.part.decentre[0] + sign * _half(stop.part)
-            marks.append(Line([-stop.near] * 2, [edge, sign * half], stop_colour(number), 3.2))
+            rim = tube.rim(edge if edge * sign > 0 else sign * 1e-9, 5 * up)
+            marks.append(Line([-stop.near] * 2, [edge, rim], stop_colour(number), 3.2))
     middle, radius = design.main_lens.decentre[0], design.D / 2
     bulge = _thick(radius, section) / 2
     t = np.linspace(-1, 1, 25)
     z, x = bulge * (1 - t**2), middle + radius * t
     marks.append(Area([*z, *-z[::-1]], [*x, *x[::-1]], "blue", 0.22, "blue", 1.2))
     marks += [
-        Line([0.0, 0.0], [middle + sign * radius, sign * half], "blue", 3.2)
+        Line([0.0, 0.0], [middle + sign * radius, tube.rim(middle + sign * radius, 5 * up)], "blue", 3.2)
         for sign in (-1, 1)
-        if half > radius + sign * middle
     ]
     if design.main_lens.kind.gap:
         marks.append(Line([0.0, 0.0], [-half, half], "blue", 1.0, "7 3"))
@@ -393,6 +464,11 @@ def _elements(design: Design, section: _SectionLayout) -> list[Mark]:
 
 GLASS, MEDIUM = ("sky", 0.3), ("sky", 0.13)
 """Fillings of glass, and of what the scene lies in."""
+TUBE, GUIDE, LIMIT = ("grey", 0.55), ("orange", 0.35), ("vermillion", 1.2, "8 3 2 3")
+"""Fillings of a tube's wall and of a ring of light fibres within it; line of an outer diameter that is required."""
+OUTER = "outer_diameter_mm"
+TALLEST = 2.0
+"""Ratio of a required outer diameter to the tube's up to which the section is as high as that."""
 
 
 def _block(start: float, end: float, low: float, high: float, fill: str, opacity: float, **more: Any) -> Area:
@@ -409,11 +485,11 @@ def reaches(design: Design, left: float = -math.inf, right: float = math.inf) ->
 
 def _glass(design: Design, section: _SectionLayout) -> list[Mark]:
     """Elements before the main lens with their mounts, and the plates about the array."""
-    half, marks = section.half, []  # type: float, list[Mark]
+    half, marks = min(section.half, section.tube.inner), []  # type: float, list[Mark]
     for number, (_, _, element, start, end) in enumerate(design.in_bore, 1):
         near, far, middle = -start, -end, element.decentre[0]
         radius = element.half_height or half
-        low, high = max(middle - radius, -half), min(middle + radius, half)
+        low, high = max(middle - radius, -section.half), min(middle + radius, section.half)
         for edge, wall in ((high, half), (low, -half)):
             if abs(edge) < half and element.length:
                 marks.append(_block(far, near, edge, wall, "grey", 0.25))
@@ -473,8 +549,9 @@ def _names(section: _SectionLayout) -> list[Mark]:
     return [*leaders, *names]
 
 
-def _openings(design: Design, section: _SectionLayout) -> list[Mark]:
-    """Diameters of the FAP and the main lens as dimensions across."""
+def _openings(design: Design, section: _SectionLayout, drawn: Iterable[_LabelledFan]) -> list[Mark]:
+    """Diameters of the FAP and the main lens as dimensions across, their words clear of the rays that pass."""
+    rays = [ray for fan in drawn for ray in zip(fan.z[fan.kept], fan.x[fan.kept], strict=True)]
     marks: list[Mark] = []
     mm, up = section.panel.per_px
     for symbol, z, middle, diameter, side in (
@@ -488,7 +565,13 @@ def _openings(design: Design, section: _SectionLayout) -> list[Mark]:
         words, anchor = _diameter(design, symbol), "start" if side > 0 else "end"
         # Fields are drawn on the upper side of the lens, so on the lower side of what lies before the FAP.
         beside = low + 0.12 * diameter if diameter / up > 40 else low - 15 * up
-        y, dx, dy = (beside, 5.0 * side, 0.0) if symbol == "D" else (top, -2.0, -6.0) if side < 0 else (low, 0.0, 16.0)
+        ends = [at, at + side * (text_width(words, SMALL) + 5) * mm]
+        passing = np.array([[low, low], *(np.interp(ends, z, x) for z, x in rays)])
+        over, under = max(top, float(passing.max())), min(low, float(passing.min()))
+        beside = min(beside, float(passing[1:].min(initial=math.inf)) - 13 * up)
+        y, dx, dy = (
+            (beside, 5.0 * side, 0.0) if symbol == "D" else (over, -2.0, -6.0) if side < 0 else (under, 0.0, 16.0)
+        )
         marks.append(Text(at, y, words, "ink", SMALL, anchor, dx, dy, plate=True))
     return marks
 
