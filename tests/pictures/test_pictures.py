@@ -551,9 +551,9 @@ def test_the_tube_is_drawn_to_the_scale_of_heights_with_its_limit():
     ends = {(min(m.x), max(m.x)) for m in picture.marks if m.testid == "tube"}
     assert list(ends) == [pytest.approx((-0.5, 1.5))]
     assert {abs(m.y[0]) for m in picture.marks if m.testid == "tube-limit"} == {3.5}
-    told = " ".join(key.label for key in picture.keys)
+    told = " ".join(key.text for key in picture.keys)
     assert "tube, 6 mm outside light guide required: at most 7 mm" in told
     narrowest = meridional(scope)
     outer = evaluate(scope).answer.outer_diameter_mm
     assert {float(abs(m.y[0])) for m in narrowest.marks if m.testid == "tube"} == {outer / 2}
-    assert f"narrowest tube, {outer:g} mm outside" in [key.label for key in narrowest.keys]
+    assert f"narrowest tube, {outer:g} mm outside" in [key.text for key in narrowest.keys]
