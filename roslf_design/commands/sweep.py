@@ -20,6 +20,7 @@ from ..evaluation.sweep import sweep as compute
 from ..evaluation.sweep import unit_of
 from ..reporting.sweep import sweep_picture
 from ..theory.limits import as_design, limits
+from ..toml_files import nearest
 from ..units import read_quantity
 from .report import folder_name
 from .terminal import DesignName, OptionalOutput, bar, check_target, read_distances, say, write_files
@@ -130,6 +131,8 @@ def _span(text: str, count: int) -> tuple[str, Array]:
     if not equals or match is None:
         raise refusal("set", f'cannot read "{text}"; write PLACE=FROM..TO UNIT, as "aperture.distance=0..150 mm"')
     place, unit = place.strip(), match[3].strip()
+    if "." not in place and place not in PATHS:
+        raise refusal("set", f"{place}: is not a number of this design; {nearest(place, [*PATHS, *PATHS.values(), TEMPERATURE])}")
     dimension = DIMENSIONS.get(unit_of(PATHS.get(place, place)))
     if dimension is None and unit:
         raise refusal("set", f"{place} is a plain number; leave out {unit}")

@@ -172,6 +172,8 @@ def where_above(values: ArrayLike, x: ArrayLike, y: ArrayLike, level: float) -> 
 
 LABELLED = 0.15
 """Share of a map's width or height from which a line of equal values has its number."""
+LABEL_AT_SIDE = 0.36
+"""Distance from a map's middle along its width from which the number ends, not has its middle, on the line."""
 INSIDE = 0.46
 """Distance from a map's middle, over its width or height, within which the number stands."""
 
@@ -191,7 +193,10 @@ def contours(values: ArrayLike, x: ArrayLike, y: ArrayLike, levels: Iterable[tup
             middle_x, middle_y = map(float, longest[int(away.argmin())])
             marks.append(Line(*xy(joined(runs)), width=0.8))
             if away.min() < INSIDE and (np.ptp(longest, axis=0) > LABELLED * spans).any():
-                marks.append(Text(middle_x, middle_y, text, anchor="middle", dy=4.0, plate=True))
+                aside = (middle_x - float(middle[0])) / float(spans[0] or 1.0)
+                anchor = "middle" if abs(aside) < LABEL_AT_SIDE else "end" if aside > 0 else "start"  # off the axis
+                dx = 0.0 if anchor == "middle" else -6.0 * np.sign(aside)
+                marks.append(Text(middle_x, middle_y, text, anchor=anchor, dx=dx, dy=4.0, plate=True))
     return marks
 
 
