@@ -370,7 +370,7 @@ def lit(answer: FirstAnswer) -> Verdict:
     name, light = "corner_lit", answer.corner_light
     share = f"the corner of the field gets {100 * light:.3g} % of the middle's light"
     if EVEN <= light <= 1 / EVEN:
-        return Verdict.of(name, f"evenly lit: {share}")
+        return Verdict.of(name, f"evenly lit to half a stop: {share}")
     if light <= 0:
         return Verdict.of(name, "the corner of the field is dark", "see what cuts the images: the field's verdict")
     stops = f"{abs(math.log2(light)):.2g}"

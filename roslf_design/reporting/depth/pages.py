@@ -107,7 +107,9 @@ def answers(trial: Trial) -> tuple[Block, ...]:
 def _what(trial: Trial) -> str:
     run, count = trial.first, len(trial.runs)
     known = run.depth[run.measured]
-    between = f", between {known.min():.5g} and {known.max():.5g} mm from the main lens" if known.size else ""
+    tip = float(Camera.of(trial.raw.design).tip)
+    lens = f"mm from the main lens ({number(tip, 4)} mm of it up to the tip)"
+    between = f", between {known.min():.5g} and {known.max():.5g} {lens}" if known.size else ""
     wrong = trial.believed is not trial.raw.design
     other = f" Depth is computed for another camera, {trial.believed.name}." if wrong else ""
     times, alike = ("one exposure", "") if count == 1 else (f"{count} exposures", ", which differ by noise alone")
