@@ -101,12 +101,12 @@ THEMES: dict[str, Theme] = {
     "light": Theme(
         ground="#ffffff", ink="#1a1d21", grey="#5f6368", grid="#e3e5e8", pale="#d5d8dc",
         blue="#0072b2", sky="#56b4e9", green="#007d5b", orange="#b87900", vermillion="#c14600", purple="#a8487f",
-        whole="#b9dfcf", cut="#fbe3b0", lost="#9a5200", dark="#15181b",
+        whole="#ccd8e6", cut="#fbe3b0", lost="#9a5200", dark="#15181b",
     ),
     "dark": Theme(
         ground="#171b21", ink="#e6e9ed", grey="#a4abb3", grid="#2c3238", pale="#454c54",
         blue="#4da8ea", sky="#9ad4f5", green="#2fc79a", orange="#f0b429", vermillion="#ff8a4c", purple="#e39ac4",
-        whole="#1e4a3c", cut="#8a6a1f", lost="#ffb74d", dark="#000000",
+        whole="#2c3b50", cut="#8a6a1f", lost="#ffb74d", dark="#000000",
     ),
 }  # fmt: skip
 

@@ -7,12 +7,13 @@ from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, TypeVar
 
 from ..design import Design
+from ..design.required import Required
 from ..errors import InputError, Problem
 from ..reporting.story import CENTRE, DEPTH, FILL, KEPT
 from ..theory.quantities import in_words, quantity_named
 from ..tolerancing.metrics import DISTANT, METRICS
 from ..tolerancing.study import MetricGoal
-from ..words import to_html
+from ..words import listed, to_html
 from .main_lens import TRIALS, explored_lens
 from .state import BY_SYMBOL, CONJUGATE, State, read, show, shown_in
 
@@ -160,12 +161,21 @@ def forms(state: State) -> dict[str, Any]:
             for asked in design.required
         ],
         "goals": [{"key": key, "label": goal.label} for key, goal in GOALS.items()],
-        "variables": [_offered(s, state) for s in VARIABLES],
-        "required": bool(design.required),
+        "variables": [_offered(s, state) for s in VARIABLES if s not in lens.own],
+        "required": [_asked_words(asked) for asked in design.required],
         "held": [{"key": key, "label": held.label} for key, held in HELD.items()],
-        "unsearched": lens.unsearched,
+        "search_time": lens.search_time,
         "of": state.reference.name,
     }
+
+
+def _asked_words(asked: Required) -> str:
+    """A limit of the design's `[required]` in a line, as its file has it."""
+    limits = asked.limits()
+    ends = [f"{word} {limits[end]}" for end, word in (("min", "at least"), ("max", "at most")) if end in limits]
+    where = [f"{limits['at']} ahead of the tip"] if asked.at is not None else []
+    where += [f"at the {asked.field}, not held by a search"] if asked.field is not None else []
+    return ", ".join([f"{in_words(asked.quantity)} {listed(ends)}", *where])
 
 
 def _offered(symbol: str, state: State) -> dict[str, Any]:

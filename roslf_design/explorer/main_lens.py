@@ -1,20 +1,23 @@
-"""The main lens in the explorer, ideal or real: how many builds are traced, what is searched, what is evaluated."""
+"""The main lens in the explorer, ideal or real: what is traced of builds, what a search holds, what is evaluated."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from ..bore.main_lens import IdealMainLens, RealMainLens, SheetMainLens
 from ..camera import Camera
 from ..design import Design
-from ..errors import InputError, Problem
-from ..evaluation import Evaluation
+from ..evaluation import Evaluation, default_fields
 from ..theory.depth_budget import depth_budget
 
 TRIALS = 16384
 """Builds of a tolerance run where nobody says otherwise."""
+FILLED = (0.98, 1.0)
+"""Fill factor that counts as matched."""
+UNCUT = 0.999
+"""Part of a traced image that counts as all of it."""
 
 
 class _IdealLens:
@@ -24,20 +27,17 @@ class _IdealLens:
     """Builds of a tolerance run that the form offers."""
     twin: ClassVar[str] = ""
     """Ending of names of files with pictures of its thin-lens model."""
-    unsearched: ClassVar[str] = ""
-    """Why it is not searched here, and what searches it; empty where it is."""
+    search_time: ClassVar[str] = "some seconds to half a minute"
+    own: ClassVar[tuple[str, ...]] = ()
+    """Symbols of numbers that are the lens's own, which no search varies."""
 
-    def searched(self, design: Design) -> Design:
-        """The design that an optimisation starts from.
+    def matched(self, design: Design) -> dict[str, Any]:
+        """Limit of a search, as a study file has it, that has microlens images fill their cells without overlap."""
+        return {"quantity": "fill_factor", "min": FILLED[0], "max": FILLED[1]}
 
-        Raises
-        ------
-        InputError
-            Its main lens is not varied.
-        """
-        if self.unsearched:
-            raise InputError((Problem(design.main_lens.kind.name, self.unsearched),))
-        return design
+    def undistorted(self, design: Design) -> dict[str, Any]:
+        """Limit of a search, as a study file has it, that has images on the sensor whole."""
+        return {"quantity": "non_distortion_room_mm", "min": "0 mm"}
 
     def evaluation(
         self, design: Design, thin: Callable[[Design], Evaluation], traced: Evaluation | Exception | None
@@ -52,10 +52,20 @@ class _RealLens(_IdealLens):
     trials = 1024
     twin = "-thin-lens"
 
-    unsearched = (
-        "a real lens is traced for every design that a search tries, which takes minutes and is not done here: save "
-        "the design, name it in a study file, and run roslf optimize study.toml"
+    search_time = (
+        "half a minute to several, as rays tell of each design tried what belongs to a field (the first on a machine a "
+        "minute longer)"
     )
+    own = ("D", "f")
+
+    def matched(self, design: Design) -> dict[str, Any]:
+        """In the middle: towards the edge a real lens has images grow."""
+        return super().matched(design) | {"field": "0 mm"}
+
+    def undistorted(self, design: Design) -> dict[str, Any]:
+        """At the corner, but for what rays do not settle."""
+        corner = [f"{length!r} mm" for length in default_fields(design)[-1]]
+        return {"quantity": "kept_fraction", "field": corner, "min": UNCUT}
 
     def evaluation(
         self, design: Design, thin: Callable[[Design], Evaluation], traced: Evaluation | Exception | None
@@ -66,7 +76,13 @@ class _RealLens(_IdealLens):
         return traced or replace(thin(design.thin_twin), depth_budget=depth_budget(Camera.of(design)))
 
 
-_LENSES = {IdealMainLens: _IdealLens(), SheetMainLens: _IdealLens(), RealMainLens: _RealLens()}
+class _SheetLens(_IdealLens):
+    """A main lens by its data sheet."""
+
+    own = ("f",)
+
+
+_LENSES = {IdealMainLens: _IdealLens(), SheetMainLens: _SheetLens(), RealMainLens: _RealLens()}
 
 
 def explored_lens(design: Design) -> _IdealLens:

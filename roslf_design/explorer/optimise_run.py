@@ -8,6 +8,7 @@ from typing import Any
 from ..camera import Camera
 from ..design import Design
 from ..drawing.theme import short
+from ..evaluation.specification import rays_tell
 from ..optimization.study import Result
 from ..reporting.blocks import Statement
 from ..reporting.optimise.pages import statements
@@ -23,11 +24,9 @@ from .state import BY_SYMBOL, fixed_conjugates, show
 
 GIVE = 1e-3
 """Part of a held value that may be given up, so that the design itself is inside its limits."""
-FILLED = (0.98, 1.0)
-"""Fill factor that counts as matched."""
 STARTS = 8
 FRONT_POINTS = 9
-STEPS = {"searches": 3.0, "checking": 4.0, "finding what": 1.0}
+STEPS = {"searches": 3.0, "checking": 4.0, "rays at": 4.0, "finding what": 1.0}
 """Steps of a run, and about how long each takes."""
 FRONT_STEPS = {"front: ends": 3.0, "front: limits": 3.5}
 """Further steps where one goal is set against another."""
@@ -81,9 +80,9 @@ def run_optimise(request: OptimiseRequest, tell: Tell = lambda share, text: None
     Raises
     ------
     InputError
-        Nothing may vary, what varies does not go together, or the main lens is a real one.
+        Nothing may vary, or what varies does not go together.
     """
-    design = explored_lens(request.design).searched(request.design)
+    design = request.design
     tell(None, "first search")
     study = _optimise_study(request)
     told = stages(tell, STEPS | (FRONT_STEPS if "pareto" in study else {}))
@@ -114,24 +113,26 @@ def _optimise_study(request: OptimiseRequest) -> dict[str, Any]:
     """The run as a study file would say it, but for the design."""
     label, quantity, direction = GOALS[request.goal]
     goals: list[dict[str, Any]] = [{"quantity": quantity, "direction": direction}]
-    bounds = request.all_bounds
-    bounds |= {symbol: 2 * (getattr(request.design, symbol),) for symbol in fixed_conjugates(request.follows, bounds)}
+    design, bounds = request.design, request.all_bounds
+    lens, kept = explored_lens(design), design.main_lens.kind.kept_conjugates
+    fixed = (symbol for symbol in fixed_conjugates(request.follows, bounds) if symbol in kept)
+    bounds |= {symbol: 2 * (getattr(design, symbol),) for symbol in fixed}
     data: dict[str, Any] = {
-        "name": f"{request.design.name}: {label}",
+        "name": f"{design.name}: {label}",
         "microlens_in_focus": request.in_focus,
-        "required": request.required and bool(request.design.required),
+        "required": request.required and bool(design.required),
         "seed": request.seed,
         "variables": {s: [format_quantity(value, "length") for value in ends] for s, ends in bounds.items()},
         "solver": {"starts": STARTS},
     }
     limits: list[dict[str, Any]] = []
     if request.matched:
-        limits.append({"quantity": "fill_factor", "min": FILLED[0], "max": FILLED[1]})
+        limits.append(lens.matched(design))
     if request.undistorted:
-        limits.append({"quantity": "non_distortion_room_mm", "min": "0 mm"})
+        limits.append(lens.undistorted(design))
     for key in request.held:
         _, name, side = HELD[key]
-        value = _number(request.design, name) * (1 + GIVE if side == "max" else 1 - GIVE)
+        value = _number(design, name) * (1 + GIVE if side == "max" else 1 - GIVE)
         limits.append(
             {"quantity": name, side: format_quantity(value, "length") if quantity_named(name).length else value}
         )
@@ -143,8 +144,11 @@ def _optimise_study(request: OptimiseRequest) -> dict[str, Any]:
     return data | {"goals": goals, "constraints": limits}
 
 
-def _number(design: Design, quantity: str) -> float:
-    return float(quantity_named(quantity)(Camera.of(design)))
+def _number(design: Design, name: str) -> float:
+    """A quantity, as rays tell it behind a real lens."""
+    quantity = quantity_named(name)
+    ((told,), _) = rays_tell(lambda: design, [(quantity, None)]) if quantity.of_rays is not None else ((None,), ())
+    return float(quantity(Camera.of(design))) if told is None else told
 
 
 def _front(result: Result) -> tuple[tuple[float, float], ...]:

@@ -55,6 +55,7 @@ from .view import (
     looked_at,
     shown_lights,
     unknown,
+    warmth,
 )
 
 Known = TypeVar("Known")
@@ -160,6 +161,7 @@ class Session:
                 "glance_of": "",
                 "rays_of": "",
                 "lights": [],
+                "warmth": "",
                 "fixes": [],
                 "depth_known": {},
             }
@@ -176,6 +178,7 @@ class Session:
             "rays_of": _tried(lambda: source.lens_words("traced"), lambda why: ""),
             "lights": _tried(lambda: shown_lights(source), lambda why: [unknown("Verdicts", why)]),
             "fixes": fixes,
+            "warmth": _tried(lambda: warmth(source.evaluation), lambda why: ""),
         }
         yield lambda: {"depth_known": _tried(lambda: depth_known(source), depth_unknown) if in_depth else {}}
         yield lambda: {"space": self._in_space() if in_space else self._space.sent}
@@ -269,7 +272,7 @@ class Session:
     def slide(self, symbol: Symbol, place: FiniteFloat, gesture: str) -> None:
         """Move a slider; all of one gesture is one step back."""
         field = CONTROLS[symbol]
-        value = value_at(field, place, reach(field, self.state.reference, self.state.drawn))
+        value = value_at(field, place, reach(field, self.state.reference, self.state.shown_by(symbol)))
         self._go(self.state.set(symbol, value), gesture)
 
     def write(self, symbol: Symbol, text: str) -> None:

@@ -22,7 +22,7 @@ from ..design import PATHS, Design, DesignError, dumps
 from ..design.parts import MOST_CONTRAST
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
-from ..lenses.glass import AIR, Glass, catalogue, find_glass, read_glass
+from ..lenses.glass import AIR, ROOM, Glass, catalogue, find_glass, read_glass
 from ..reporting.design.figures import at_room
 from ..theory.limits import design_of_text
 from ..theory.quantities import QUANTITIES
@@ -93,6 +93,11 @@ FIELDS = (
 
 BY_SYMBOL = {field.symbol: field for field in FIELDS}
 
+TEMPERATURE = NumberField(
+    "environment.temperature", "Temperature", "In use", "degC", "linear", "temperature", (-20.0, 80.0), f"{ROOM:g} degC"
+)
+"""Field of the temperature that the camera is used at."""
+
 WINDOW = (
     NumberField("window_thickness", "Thickness", "Bore", "mm"),
     NumberField("window_distance", "To the lens", "Bore", "mm", "linear"),
@@ -116,7 +121,7 @@ LIGHT = (
 )
 """Fields of light, texture, matching and pixels that depth is told for, by their place in a design file."""
 
-CONTROLS = BY_SYMBOL | {field.symbol: field for field in (*WINDOW, *LIGHT)}
+CONTROLS = BY_SYMBOL | {field.symbol: field for field in (TEMPERATURE, *WINDOW, *LIGHT)}
 """Every field that a design may have."""
 
 MEDIA = ("air", *(name for name in ("water", "saline") if name.upper() in catalogue()))
@@ -125,7 +130,7 @@ MEDIA = ("air", *(name for name in ("water", "saline") if name.upper() in catalo
 GLASSES = tuple(name for name in ("sapphire", "fused silica", "N-BK7") if name.upper() in catalogue())
 """Materials of windows that the page proposes; any other can be typed."""
 
-EXAMPLES = {"mm": "2.9 mm", "um": "63 um", "nm": "550 nm", "lx": "1e5 lx", "ms": "10 ms", "": "0.1"}
+EXAMPLES = {"mm": "2.9 mm", "um": "63 um", "nm": "550 nm", "lx": "1e5 lx", "ms": "10 ms", "degC": "37 degC", "": "0.1"}
 """Examples of what may be typed, by the field's unit."""
 
 VISIBLE = (380e-6, 1000e-6)
@@ -238,6 +243,8 @@ def value_of(design: Design, symbol: str) -> float | None:
     """A field's number [mm, lx, s]; None where the design has none: no window, or one without an aperture."""
     if symbol in BY_SYMBOL:
         return float(getattr(design, symbol))
+    if symbol == TEMPERATURE.symbol:
+        return ROOM if design.environment is None else design.environment.temperature
     if "." in symbol:
         given = attrgetter(symbol)(design)
         return None if given is None else float(given)
@@ -301,6 +308,10 @@ class State:
         """The design whose lengths fields show and change: at room temperature, as drawings and files have it."""
         return at_room(self.design)[0]
 
+    def shown_by(self, symbol: str) -> Design:
+        """The design whose number a field shows."""
+        return self.design if symbol == TEMPERATURE.symbol else self.drawn
+
     def _used(self, drawn: Design) -> Design:
         """A drawn design at the temperature that the camera is used at."""
         used = self.design.environment
@@ -345,14 +356,16 @@ class State:
         if CONTROLS[symbol].left_out and not text.strip():
             return self._put(symbol, None, text)
         try:
-            value = read(shown_in(CONTROLS[symbol], value_of(self.drawn, symbol)), text)
+            value = read(shown_in(CONTROLS[symbol], value_of(self.shown_by(symbol), symbol)), text)
         except ValueError as error:
             return self._with_fault(_Fault(symbol, text, str(error)))
         return self._put(symbol, value, text)
 
     def set(self, symbol: str, value: float) -> State:
-        """Set a field to a value [mm], as a slider does."""
-        return self._put(symbol, value, f"{value!r} mm") if self.changeable(symbol) else self
+        """Set a field to a value [mm, lx, s, degrees C], as a slider does."""
+        field = CONTROLS[symbol]
+        text = f"{value / field.per_unit!r} {field.unit}".strip()
+        return self._put(symbol, value, text) if self.changeable(symbol) else self
 
     def change(self, changes: Mapping[str, float]) -> State:
         """Set several numbers at once, as they are in use [mm]; all or none.
@@ -420,17 +433,24 @@ class State:
         return design.replace({PATHS[s]: getattr(design, s) for s in fixed} | places)
 
     def _put(self, symbol: str, value: float | None, text: str) -> State:
-        waiting = _readable(self._faults_but(symbol), self.drawn)
+        waiting = {} if symbol == TEMPERATURE.symbol else _readable(self._faults_but(symbol), self.drawn)
         problems: tuple[Problem, ...] = ()
         for others in ([waiting] if waiting else []) + [{}]:
             try:
-                design = self._used(self._changed(self.drawn, {**others, symbol: value}))
+                design = self._with(symbol, value, others)
             except DesignError as error:
                 problems = error.problems
                 continue
             left = tuple(fault for fault in self._faults_but(symbol) if fault.symbol not in others)
             return replace(self, design=design, faults=left, message="")
         return self._with_fault(_Fault(symbol, text, _about(problems, symbol)))
+
+    def _with(self, symbol: str, value: float | None, others: Mapping[str, float]) -> Design:
+        """The design with a field's number, and others, in use."""
+        if symbol != TEMPERATURE.symbol:
+            return self._used(self._changed(self.drawn, {**others, symbol: value}))
+        at = ROOM if value is None else value
+        return self.design if value_of(self.design, symbol) == at else self.drawn.at_temperature(at)
 
     def _faults_but(self, symbol: str) -> tuple[_Fault, ...]:
         return tuple(fault for fault in self.faults if fault.symbol != symbol)
@@ -451,6 +471,8 @@ def _material(text: str) -> Glass:
 def _readable(faults: Iterable[_Fault], design: Design) -> dict[str, float]:
     values = {}
     for fault in faults:
+        if fault.symbol == TEMPERATURE.symbol:  # the others' numbers are drawn at 20 degrees C
+            continue
         try:
             values[fault.symbol] = read(shown_in(CONTROLS[fault.symbol], value_of(design, fault.symbol)), fault.text)
         except (KeyError, ValueError):  # a material is no length

@@ -36,7 +36,7 @@ from ..reporting.optimise.pictures import change_bars, ends_differ, goal_front, 
 from ..reporting.tolerance.pictures import offender_bars, spread_bars, yield_bars, yield_curve
 from ..theory.depth_budget import NOISE, WARMTH
 from ..theory.quantities import QUANTITIES
-from ..words import listed, percent, the, to_html
+from ..words import decimals, listed, percent, the, to_html
 from .optimise_run import OptimiseResult
 from .state import (
     BY_SYMBOL,
@@ -45,6 +45,7 @@ from .state import (
     LIGHT,
     MEDIA,
     STEPS,
+    TEMPERATURE,
     WHOLE,
     WINDOW,
     History,
@@ -279,8 +280,8 @@ def header(history: History) -> dict[str, Any]:
 def controls(state: State) -> dict[str, Any]:
     """Every field with its slider, by part of the camera."""
     groups: dict[str, list[dict[str, Any]]] = {}
-    for number in (*FIELDS, *WINDOW):
-        if number.symbol in BY_SYMBOL or window_of(state.design) is not None:
+    for number in (*FIELDS, TEMPERATURE, *WINDOW):
+        if number not in WINDOW or window_of(state.design) is not None:
             groups.setdefault(number.group, []).append(_control(number, state))
     listed = [{"name": name, "fields": fields} for name, fields in groups.items() if name != WINDOW[0].group]
     lit = [{"name": name, "fields": [_control(f, state) for f in LIGHT if f.group == name]} for name in LIGHT_GROUPS]
@@ -317,8 +318,8 @@ def _material_text(glass: Glass) -> str:
 
 def _control(number: NumberField, state: State) -> dict[str, Any]:
     symbol = number.symbol
-    known = value_of(state.drawn, symbol)
-    ends = reach(number, state.reference, state.drawn)
+    shown = state.shown_by(symbol)
+    known, ends = value_of(shown, symbol), reach(number, state.reference, shown)
     text, fault = "" if known is None else show(number, known), state.fault(symbol)
     letter, _, index = ("λ" if symbol == "wavelength" else symbol if symbol in BY_SYMBOL else "").partition("_")
     follows, changeable = state.follows == symbol, state.changeable(symbol)
@@ -338,7 +339,7 @@ def _control(number: NumberField, state: State) -> dict[str, Any]:
         "follows": follows,
         "can_follow": symbol in state.followers,
         "left_out": number.left_out,
-        "given": known is not None,
+        "given": text not in ("", number.left_out),
         "why": "follows from the other two" if follows else "" if changeable else _why_shut(symbol),
     }
 
@@ -569,6 +570,19 @@ def glance(evaluation: Evaluation) -> list[dict[str, str]]:
         if landed or share > 0:
             rows[f"light at the corner {landed or f'lost at {the(name)}'}"] = percent(share, 1)
     return [{"label": to_html(label), "value": value} for label, value in rows.items()]
+
+
+def warmth(evaluation: Evaluation) -> str:
+    """Where the camera is in focus at the temperatures that it meets, in a sentence; empty where none is told."""
+    if (warm := evaluation.temperature) is None or len(warm.at) < 2:
+        return ""
+    shifts = (decimals(row.focus_shift_pitches, 3, "+") for row in warm.at)
+    planes = [
+        f"{row.focal_plane_mm:.6g} mm at {row.temperature_degc:g} °C ({shift} pitches)"
+        for row, shift in zip(warm.at, shifts, strict=True)
+    ]
+    still = f" No material is named of {listed(list(warm.not_named))}: nothing there changes." if warm.not_named else ""
+    return to_html(f"Left as it was focused, in a {warm.held}, d_f is {listed(planes)}.{still}")
 
 
 def looked_at(state: State, look: Look) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from roslf_design.camera import Camera
 from roslf_design.depth.pictures import region_about
 from roslf_design.design import load
 from roslf_design.errors import InputError
+from roslf_design.evaluation import evaluate
 from roslf_design.explorer import measure_run
 from roslf_design.explorer.forms import (
     GOALS,
@@ -228,6 +229,23 @@ def test_bounds_are_those_that_are_shown_unless_another_is_typed():
     assert request.bounds == {"D_F": (SCOPE.D_F / 2, 1.2), "d_2": (SCOPE.d_2 / 2, SCOPE.d_2 * 2)}
 
 
+def test_behind_a_real_lens_a_search_is_by_rays_and_varies_nothing_of_the_lens():
+    singlet = load("paper-singlet")
+    offered = {item["key"] for item in forms(State.of(singlet))["variables"]}
+    assert set(VARIABLES) - offered == {"D", "f"}
+    ticks = {"variables": ["d_2"], "goal": ["field"], "matched": ["on"], "in_focus": ["on"], "low_d_2": ["1.9 mm"]}
+    found = run_optimise(read_form(OptimiseRequest, singlet, ticks))
+    # What varies hardly moves the field, which rays tell before and after.
+    assert found.before == pytest.approx(evaluate(singlet).answer.at[0].width_mm / 2, rel=1e-6)
+    assert found.after == pytest.approx(found.before, rel=3e-4)
+    levels = {verdict.name: verdict.level for verdict in evaluate(found.design).verdicts}
+    assert levels["f_number_matched"] == "good"
+    assert any("Behind the real lens" in said.text for said in found.sentences)
+    # Where d_1 varies, d_f follows alone, as f is the lens's own.
+    moved = run_optimise(read_form(OptimiseRequest, singlet, ticks | {"variables": ["d_1", "d_2"], "low_d_1": ["120"]}))
+    assert {symbol for symbol, *_ in moved.followers} == {"f_ml", "d_f"}
+
+
 def test_a_run_is_told_from_start_to_cancel():
     assert summary(None, PAPER)["state"] == "none"
     run = Run.begin("tolerance", PAPER, {"trials": ["1000000"]})
@@ -250,7 +268,9 @@ def test_what_a_design_requires_is_held_where_it_is_ticked():
     whole = float(QUANTITIES["total_length_mm"](Camera.of(PAPER)))
     limits = {"total_length_mm": {"min": f"{whole - 20} mm"}, "object_sample_mm": {"at": "40 mm", "max": "10 mm"}}
     asking = PAPER.replace({"required": limits})
-    assert (forms(State.of(asking))["required"], forms(State.of(PAPER))["required"]) == (True, False)
+    length, sample = f"at least {whole - 20} mm", "at most 10 mm, 40 mm ahead of the tip"
+    told = [f"length from tip to sensor {length}", f"object sample {sample}"]
+    assert (forms(State.of(asking))["required"], forms(State.of(PAPER))["required"]) == (told, [])
     ticks = {"variables": ["d_3"], "goal": ["length"]}
     assert not read_form(OptimiseRequest, asking, ticks).required
     held = run_optimise(read_form(OptimiseRequest, asking, ticks | {"required": ["on"]}))

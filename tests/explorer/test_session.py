@@ -607,12 +607,6 @@ def test_behind_a_real_lens_the_explorer_tells_what_evaluate_tells(name, warmed)
     assert ("calibrated_at" in last["depth_known"]["remedy"]) == (result.depth_budget.largest.name == WARMTH)
 
 
-def test_behind_a_real_lens_no_search_is_offered_and_its_command_is_told():
-    session = Session(load("paper-singlet"))
-    assert "run roslf optimize" in session.page()["forms"]["unsearched"]
-    assert not Session(PAPER).page()["forms"]["unsearched"]
-
-
 # Page and server agree on what the page may ask.
 
 SOURCES = [(PAGE / name).read_text() for name in ("page.html", "explorer.js")]

@@ -35,8 +35,9 @@ from roslf_design.explorer.state import (
     read,
     show,
     value_at,
+    value_of,
 )
-from roslf_design.explorer.view import controls
+from roslf_design.explorer.view import controls, warmth
 
 PAPER = load("paper")
 START = State.of(PAPER)
@@ -465,6 +466,33 @@ def test_fields_of_a_camera_used_warm_have_the_numbers_of_its_file():
     assert grown > 1 + 1e-5
     # What a run or a proposal found is of the camera in use, and is taken as it is.
     assert warm.change({"D_F": 0.25}).design.D_F == 0.25
+
+
+def test_the_temperature_in_use_is_set_and_reset_and_lengths_stay_those_at_20_degrees():
+    singlet = State.of(load("paper-singlet"))
+
+    def told(state):
+        return {f["symbol"]: f for group in controls(state)["groups"] for f in group["fields"]}
+
+    warm = singlet.edit("environment.temperature", "45")
+    assert warm.design == singlet.design.at_temperature(45.0)
+    assert told(warm)["environment.temperature"]["text"] == "45 degC"
+    assert {s: f["text"] for s, f in told(warm).items() if s in BY_SYMBOL} == {
+        s: f["text"] for s, f in told(singlet).items() if s in BY_SYMBOL
+    }
+    assert "350.044 mm at 45 °C" in warmth(evaluate(warm.design))
+    assert warmth(evaluate(singlet.design)) == ""
+    # Another number keeps it; nothing, or the slider, brings room temperature back.
+    assert warm.edit("D_F", "2 mm").design.environment.temperature == 45.0
+    for cold in (warm.edit("environment.temperature", " "), warm.set("environment.temperature", 20.0)):
+        assert cold.design.environment.temperature == 20.0
+        assert value_of(cold.design, "D_F") == pytest.approx(singlet.design.D_F, rel=1e-14)
+        assert not told(cold)["environment.temperature"]["given"]
+    assert singlet.edit("environment.temperature", "").design is singlet.design
+    for text, why in (("300 K", "26.85 degC"), ("400", "at most 150"), ("x", "37 degC")):
+        assert why in warm.edit("environment.temperature", text).fault("environment.temperature").message
+    # What is wrong beside it waits on.
+    assert warm.edit("D_F", "x").edit("environment.temperature", "30").fault("D_F").text == "x"
 
 
 def test_a_link_whose_limits_cannot_be_tells_all_of_them():
