@@ -405,6 +405,10 @@ def _fits(camera: Camera) -> Verdict:
     ]
     text = f"does not fit inside the tube: {holds}; too wide: {', '.join(parts)}{uncounted}"
     ways = f"smaller ones, or a tube of {on_side(max(needed for _, needed in wide) + 2 * wall, True, 4)} mm outside"
+    seen = [2 * (float(half) + float(camera.d)) for half in sensor_field(camera).half]
+    if "microlens array" in [part.name for part, _ in wide] and math.hypot(*seen) <= room:
+        sides = ", ".join(f'"{on_side(side, True, 3)} mm"' for side in seen)
+        ways += f"; microlens_array.size = [{sides}] is all that the sensor sees: arrays are diced to size"
     behind = {float(camera.cold.tip - part.place): part.name for part, _ in wide}
     if tube.LENGTH not in camera.numbers and (far := [ahead for ahead in behind if ahead > outer]):
         ways += f"; where it ends before {the(behind[min(far)])}, say so: [tube] length, below {number(min(far), 4)} mm"

@@ -162,7 +162,7 @@ def forms(state: State) -> dict[str, Any]:
         ],
         "goals": [{"key": key, "label": goal.label} for key, goal in GOALS.items()],
         "variables": [_offered(s, state) for s in VARIABLES if s not in lens.own],
-        "required": [_asked_words(asked) for asked in design.required],
+        "required": to_html("; ".join(map(_asked_words, design.required))),
         "held": [{"key": key, "label": held.label} for key, held in HELD.items()],
         "search_time": lens.search_time,
         "of": state.reference.name,

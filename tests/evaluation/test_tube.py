@@ -1,6 +1,8 @@
 """What fits inside the tube of a scope, by hand: widths, decentres, what lies behind a short tube; and limits on it."""
 
+import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -150,6 +152,20 @@ def test_the_command_tells_it(scope, tmp_path, capsys):
     save(scope, tmp_path / "scope.toml")
     assert main(["evaluate", str(tmp_path / "scope.toml")]) == 0
     assert "does not fit inside the tube" in " ".join(capsys.readouterr().out.split())
+
+
+def test_an_array_too_wide_is_diced_to_what_the_sensor_sees():
+    tube = {"outer_diameter": 4.0, "wall": 0.2}
+    wide = roslf.load("rigid-scope").replace({"microlens_array.size": (10.0, 10.0), "tube": tube})
+
+    def fits(design):
+        return next(verdict for verdict in roslf.evaluate(design).verdicts if verdict.name == "fits_tube")
+
+    assert "arrays are diced" in fits(wide).remedy
+    size = re.search(r"microlens_array.size = (\[.*?\])", fits(wide).remedy)[1]
+    cut = wide.replace({"microlens_array.size": json.loads(size)})
+    assert fits(cut).level == "good"
+    assert roslf.evaluate(cut).value("field_half_width_mm") == roslf.evaluate(wide).value("field_half_width_mm")
 
 
 def test_the_optimiser_holds_it(scope):

@@ -269,8 +269,8 @@ def test_what_a_design_requires_is_held_where_it_is_ticked():
     limits = {"total_length_mm": {"min": f"{whole - 20} mm"}, "object_sample_mm": {"at": "40 mm", "max": "10 mm"}}
     asking = PAPER.replace({"required": limits})
     length, sample = f"at least {whole - 20} mm", "at most 10 mm, 40 mm ahead of the tip"
-    told = [f"length from tip to sensor {length}", f"object sample {sample}"]
-    assert (forms(State.of(asking))["required"], forms(State.of(PAPER))["required"]) == (told, [])
+    told = f"length from tip to sensor {length}; object sample {sample}"
+    assert (forms(State.of(asking))["required"], forms(State.of(PAPER))["required"]) == (told, "")
     ticks = {"variables": ["d_3"], "goal": ["length"]}
     assert not read_form(OptimiseRequest, asking, ticks).required
     held = run_optimise(read_form(OptimiseRequest, asking, ticks | {"required": ["on"]}))
