@@ -132,7 +132,8 @@ def _span(text: str, count: int) -> tuple[str, Array]:
         raise refusal("set", f'cannot read "{text}"; write PLACE=FROM..TO UNIT, as "aperture.distance=0..150 mm"')
     place, unit = place.strip(), match[3].strip()
     if "." not in place and place not in PATHS:
-        raise refusal("set", f"{place}: is not a number of this design; {nearest(place, [*PATHS, *PATHS.values(), TEMPERATURE])}")
+        hint = nearest(place, [*PATHS, *PATHS.values(), TEMPERATURE])
+        raise refusal("set", f"{place}: is not a number of this design; {hint}")
     dimension = DIMENSIONS.get(unit_of(PATHS.get(place, place)))
     if dimension is None and unit:
         raise refusal("set", f"{place} is a plain number; leave out {unit}")

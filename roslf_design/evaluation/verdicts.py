@@ -306,6 +306,8 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
         f"(corner); {_shifted(camera)}{_stopped(camera)}"
     )
     by_thin = "" if thin.undistorted_in_field else _field_remedy(camera, thin)
+    off = any(np.any(value) for at, value in camera.numbers.items() if ".decentre." in at)
+    worst = " in the worst direction" if off or any(rim.outline.straight for rim in camera.openings) else ""
     if lens is not None:
         sees += " (thin-lens model)"
         bound = (
@@ -327,7 +329,7 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
         on_array = f" ({thin.x_ml_max_mm:.4g} mm on the MLA)" if thin.cut_beyond_mm == thin.x0_max_mm else ""
         others = [f"{the(cut['rim'])} (beyond {cut['beyond_mm']:.4g} mm)" for cut in thin.cut_by[1:]]
         text = (
-            f"{CUT_IN_IT}: cat's eyes beyond {thin.cut_beyond_mm:.4g} mm object radius{on_array}, cut by "
+            f"{CUT_IN_IT}: cat's eyes beyond {thin.cut_beyond_mm:.4g} mm object radius{worst}{on_array}, cut by "
             f"{the(thin.limited_by)}{f', then by {listed(others)}' if others else ''}; {sees}"
         )
         return Verdict.of("field_undistorted", text, by_thin)
@@ -339,7 +341,7 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
             f"{thin.x0_max_mm:.4g} mm object radius, but in directions that the sensor does not see so far"
         )
     elif math.isfinite(thin.x0_max_mm):
-        bound = f"out to {thin.x0_max_mm:.4g} mm object radius, limited by {the(thin.limited_by)}"
+        bound = f"out to {thin.x0_max_mm:.4g} mm object radius{worst}, limited by {the(thin.limited_by)}"
     return Verdict.of("field_undistorted", f"{UNCUT}: full {camera.fap.outline.kind}s {bound}; {sees}")
 
 

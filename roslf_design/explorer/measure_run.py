@@ -11,8 +11,10 @@ from ..reporting.depth.pages import statements
 from .forms import MeasureRequest
 from .jobs import Tell
 
-ACROSS = 15
-"""Microlenses along each side of what is measured."""
+ACROSS = 35
+"""Microlenses along each side of what is measured: as many windows as tell bias and spread well."""
+FEWEST, PIXELS = 15, 500.0
+"""Microlenses along each side at least, where these are of many pixels; pixels along it at most, but for these."""
 
 
 def run_measure(request: MeasureRequest, tell: Tell = lambda share, text: None) -> Trial:
@@ -23,7 +25,8 @@ def run_measure(request: MeasureRequest, tell: Tell = lambda share, text: None) 
     InputError
         What depth is not computed for, or no light there.
     """
-    region = region_about(request.design, request.place, ACROSS)
+    across = round(min(max(PIXELS * request.design.q / request.design.d, FEWEST), ACROSS))
+    region = region_about(request.design, request.place, across)
     doing = {
         "white": "rendering a white image", "picture": "tracing rays to the wall",
         "depth": "exposing, decoding and measuring",

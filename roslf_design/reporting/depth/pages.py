@@ -192,12 +192,9 @@ def places(trial: Measurement) -> str:
 
 
 def _judged(text: str, windows: float, holds: bool, against: tuple[Tone, str] | None) -> Statement:
-    """A tick for what holds and would show if it did not; `against` where chance alone does not explain what fails.
-
-    Of few windows nothing is a fault.
-    """
+    """A tick for what holds and would show if it did not; `against` where chance alone does not explain what fails."""
     if against is not None:
-        return Statement(against[0] if windows >= ENOUGH else "caution", text, against[1])
+        return Statement(against[0], text, against[1])
     if holds and windows >= ENOUGH:
         return Statement("good", text)
     count = f"{windows:.0f} window{'' if round(windows) == 1 else 's'} without common microlenses"
