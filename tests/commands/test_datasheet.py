@@ -21,6 +21,7 @@ from roslf_design.reporting.calibrate.pages import planned_depth
 from roslf_design.reporting.sheet import lines as datasheet
 from roslf_design.reporting.sheet.lines import DEPTH, EXPECTED, basis, datasheet_report, datasheet_section
 from roslf_design.reporting.sweep import sweep_picture
+from roslf_design.tables import Table
 from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.limits import limits
 from roslf_design.tolerancing.study import tolerance_plan
@@ -542,8 +543,11 @@ def test_a_sweep_marks_the_design_where_it_is_among_what_is_swept():
 
 def test_a_sheet_says_on_every_page_whose_it_is_and_is_signed_on_its_first():
     page = datasheet_report(basis(roslf.load("paper")), "B", "2026-11-29")
-    (section,) = page.sections
+    section, annex = page.sections
     head, signed = section.blocks[:2]
+    assert annex.new_page
+    assert not {block.title for block in section.blocks if isinstance(block, Table)} & {DEPTH, "Object field"}
+    assert section.blocks[-1].title == "Dimensions"
     assert (head.title, signed.title) == ("This sheet", "Signed")
     shown = dict(head.rows)["hash of the design"].split()[0]
     assert page.footer == f"Zhou 2023 bench system; revision B, hash of the design {shown}, date 2026-11-29"

@@ -745,19 +745,28 @@ def title_written(content: bytes) -> str:
 
 
 def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = NONE) -> Report:
-    """The sheet alone: which design in which revision, on every page, fields to sign, the lines, its drawings."""
+    """The sheet alone: which design in which revision, on every page, fields to sign, the lines, its drawing.
+
+    Behind it, on pages of their own, tables and pictures that explain the lines.
+    """
     design, section = grounds.design, datasheet_section(grounds)
-    drawn = [dimensions_sheet(design)]
     views, known = grounds.sheet.has_views, grounds.known
-    if dimensions(design).size[1] < HALF_PAGE:
-        drawn = [glance(design, views, known), *drawn]
-    elif views:
-        drawn.append(depth_figure(design, known))
     head = sheet_head(design, revision, date)
-    blocks = (head, signatures(), *section.blocks, *drawn)
+    behind = [block for block in section.blocks if isinstance(block, Figure) or _explains(block)]
+    lines = [block for block in section.blocks if block not in behind]
+    if dimensions(design).size[1] < HALF_PAGE:
+        behind.append(glance(design, views, known))
+    elif views:
+        behind.append(depth_figure(design, known))
+    signed = Section(section.title, (head, signatures(), *lines, dimensions_sheet(design)))
+    annex = (Section("Annex", tuple(behind), new_page=True),) if behind else ()
     which = ", ".join(f"{what} {value.split()[0]}" for what, value in head.rows[1:4] if value != NONE)
-    sections = (Section(section.title, blocks),)
-    return Report(sheet_title(design.name, revision), design.source, sections, f"{design.name}; {which}")
+    return Report(sheet_title(design.name, revision), design.source, (signed, *annex), f"{design.name}; {which}")
+
+
+def _explains(block: Block) -> bool:
+    """Whether a table of lines explains others, and stands behind those that are signed."""
+    return isinstance(block, Table) and block.title.startswith((DEPTH, "Object field", "Colours"))
 
 
 def sheet_head(design: Design, revision: str, date: str) -> Table:
