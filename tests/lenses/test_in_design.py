@@ -185,7 +185,7 @@ def test_more_contradictions():
 @pytest.mark.parametrize(
     ("value", "told"),
     [
-        ('"LB1630"', "no such file; check the path, or name a lens that ships: AC050-008-A"),
+        ('"LB1630"', "no such file; check the path, or name a lens that ships: 45-089"),
         ('"none.zmx"', "none.zmx: no such file"),
         ('""', "expected a lens file"),
         ("3", "expected a lens file"),
