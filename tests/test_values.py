@@ -311,12 +311,13 @@ NEIGHBOURS = {
 
 
 @pytest.mark.parametrize("what", NEIGHBOURS)
-def test_what_was_evaluated_before_leaves_nothing_behind(what):
+def test_what_was_evaluated_before_leaves_nothing_behind(what, known_before):
     design, change = NEIGHBOURS[what]
     pair = design, design.replace(change)
     orders = []
     for order in (1, -1):
         forget()
+        known_before.clear()
         orders.append([outcome(one) for one in pair[::order]][::order])
     assert orders[0] == orders[1]
     assert orders[0][0] != orders[0][1]
