@@ -473,6 +473,7 @@ class _AllViews:
         peak = ndimage.maximum_filter(picture, 5) if finite else picture
         splines, cells = views.splines
         even, slot = not finite and not any(cells.strides), np.full(len(views.grid), -1)
+        cells = np.ascontiguousarray(cells[:1, :1, :1] if even else cells)  # of one layout: compiled once for both
         if len(each):
             slot[self.apart] = np.arange(len(each))
         with THREADS:

@@ -603,7 +603,7 @@ def _each_between(
     again = np.arange(BETWEEN + 1) % BETWEEN
     nodes = (again[:, None] * BETWEEN + again).ravel()
     column, row = np.floor(field.between * BETWEEN).astype(np.int64)
-    along, down = (field.between * BETWEEN % 1).astype(np.float32)
+    along, down = (field.between * BETWEEN % 1).astype(np.float32, order="C")
     light = light[:, nodes]
     x, y = (np.broadcast_to(part, light.shape) for part in parts[2:])
     each = _nearer(ImageParts(parts.steps, light, x, y), camera, places, field, real)
@@ -683,7 +683,8 @@ class Mixing(NamedTuple):
         share = np.zeros((numbers.size, shares.shape[1]), np.float32)
         np.add.at(share.reshape(-1), back * shares.shape[1] + nodes, np.concatenate(each).astype(np.float32))
         to, source, *way = np.unravel_index(numbers, size)
-        return cls(np.searchsorted(to, count), source, np.ascontiguousarray(np.transpose(way)) - far, share)
+        source, steps = np.ascontiguousarray(source), np.ascontiguousarray(np.transpose(way)) - far
+        return cls(np.searchsorted(to, count), source, steps, share)
 
     def noise(self, light: NDArray[np.float64], own: NDArray[np.float64]) -> NDArray[np.float64]:
         """Variance that the neighbours' samples leave in each, over that of its own light; all (sample, node)."""
@@ -815,25 +816,12 @@ def _gather(
     count, rows, columns = values.shape
     for v in prange(rows):
         like, share = np.empty(columns, np.float32), np.empty(columns, np.float32)
+        row = np.int64(v)  # of one type in and out of threads: compiled once
         for n in range(count):
             _gather_row(
-                n,
-                v,
-                values,
-                dark,
-                first,
-                source,
-                steps,
-                shares,
-                node,
-                down,
-                along,
-                across,
-                start,
-                out[n, v],
-                like,
+                n, row, values, dark, first, source, steps, shares, node, down, along, across, start, out[n, v], like,
                 share,
-            )
+            )  # fmt: skip
 
 
 @kernel(parallel=True)
@@ -845,11 +833,13 @@ def _free(
     count, rows, columns = values.shape
     for v in prange(rows):
         like, share = np.empty(columns, np.float32), np.empty(columns, np.float32)
+        row = np.int64(v)  # of one type in and out of threads: compiled once
         for n in range(count):
             foreign, before, much, freed = rest[n, v].copy(), raw[n, v], gain[n, v], out[n, v]
             _gather_row(
-                n, v, values, dark, first, source, steps, shares, node, down, along, across, start, foreign, like, share
-            )
+                n, row, values, dark, first, source, steps, shares, node, down, along, across, start, foreign, like,
+                share,
+            )  # fmt: skip
             for u in range(columns):
                 freed[u] = (before[u] - foreign[u]) * much[u]
         _fill_row(sure[:, v], out[:, v])
