@@ -390,7 +390,7 @@ def reached_untraced(
             break
         if problem.untraced(sums=sums).constraints != part.constraints:
             wanted = partial(DesignProblem.untraced, sums=sums)
-            problem, near, _ = settled(problem, near.unit, ROUGHLY, lambda p, *at, w=wanted: nearest(w(p), *at))
+            problem, near, _ = settled(problem, near.unit, ROUGHLY, nearest, wanted=wanted)
             part = wanted(problem)
     return problem, part, near
 
@@ -401,8 +401,11 @@ def settled(
     within: float,
     search: Callable[[DesignProblem, Array, float], Search],
     tell: Tell = silent,
+    wanted: Callable[[DesignProblem], DesignProblem] = lambda whole: whole,
 ) -> tuple[DesignProblem, Search, float]:
     """A search that ends where rays tell what it took them to tell, but for so little, and the problem that it solves.
+
+    Of the problem it searches what is `wanted`.
 
     It begins anew until then, at most `MOST_SETTLING` times, from the best place that rays told, within a reach of it:
     halved where rays tell of none better there, or where the search breaks off, else at least twice the last step; a
@@ -413,23 +416,25 @@ def settled(
     problem, moved = problem.told_by_rays(best)
     for done in range(MOST_SETTLING):
         tell("rays at the optimum", done, MOST_SETTLING)
-        end = search(problem, best, reach)
+        part = wanted(problem)
+        end = search(part, best, reach)
         way = end.unit - best
         if creeps := bool(way @ last > last @ last / 2 > 0):
             end = replace(end, unit=np.clip(end.unit + way, 0.0, 1.0))
         step = float(np.abs(end.unit - best).max())
-        if step < APART < reach and not (end.feasible and not RESTS < _rests(problem, end.unit)[1] < math.inf):
+        if step < APART < reach and not (end.feasible and not RESTS < _rests(part, end.unit)[1] < math.inf):
             reach /= 4
             continue
         problem, moved = problem.told_by_rays(end.unit)
         if moved <= within and not creeps and (step < reach or reach >= 1):
             return problem, end, moved
-        if _rank(judged(problem, end)) < _rank(judged(problem, replace(end, unit=best))):
+        part = wanted(problem)
+        if _rank(judged(part, end)) < _rank(judged(part, replace(end, unit=best))):
             last, best, reach = way, end.unit, max(reach, 2 * step)
         else:
             last, reach = np.zeros(problem.n), step / 2
     problem, _ = problem.told_by_rays(best)
-    own = judged(problem, replace(end, unit=best))
+    own = judged(wanted(problem), replace(end, unit=best))
     return problem, replace(own, violation=0.0) if own.violation <= DRIFT else own, moved
 
 
@@ -459,11 +464,12 @@ def _solve(
     # What rays tell between points they told at is known about: the best is polished, and settled.
     evaluations = min(settings.evaluations, AROUND * problem.n) if problem.told_at else settings.evaluations
     tolerance = max(settings.tolerance, SETTLED / 10 if problem.told_at else problem.finest)
+    polish = partial(searched, problem, budget=budget, evaluations=evaluations, tolerance=tolerance)
     for number, start in enumerate(starts, 1):
         if searches and budget.ended:
             break
         tell("searches", number - 1, len(starts))
-        searches.append(searched(problem, start, budget, evaluations, tolerance))
+        searches.append(polish(start))
     best = min(searches, key=lambda s: (not s.feasible, s.merit if s.feasible else s.violation))
     checks: list[Check] = []
     wanted: dict[Global, bool] = {"crs2": settings.check, "isres": settings.isres}
@@ -471,7 +477,8 @@ def _solve(
         if budget.ended:
             break
         tell("checking by a global search" if name == "crs2" else "checking by a second global search")
-        checks.append(_check(problem, name, settings, budget, best))
+        guard = Guard(problem.vector, budget)
+        checks.append(_check(problem, name, guard, best, settings.seed, polish))
         other = checks[-1].polished
         if other.feasible and (not best.feasible or best.merit - other.merit > settings.agree):
             best = other
@@ -515,14 +522,14 @@ def _solve(
     )
 
 
-def _check(problem: DesignProblem, name: Global, settings: Settings, budget: SearchBudget, best: Search) -> Check:
+def _check(
+    problem: DesignProblem, name: Global, guard: Guard, best: Search, seed: int, polish: Callable[[Array], Search]
+) -> Check:
     known = _conditions(problem, best.unit)[0] if best.feasible else ()
     steepest = max((a.multiplier for a in known), default=0.0 if best.feasible else 10.0)
-    guard = Guard(problem.vector, budget)
     most = min(1500 * problem.n, 9000) // (5 if problem.summed else 1)
-    unit = globally(guard, problem.n, name, 1.0 + 3.0 * steepest, most, settings.seed)
-    tolerance = max(settings.tolerance, problem.finest)
-    polished = searched(problem, unit, budget, settings.evaluations, tolerance)
+    unit = globally(guard, problem.n, name, 1.0 + 3.0 * steepest, most, seed)
+    polished = polish(unit)
     solver = {"crs2": "random search, CRS2", "isres": "evolutionary search, ISRES"}[name]
     return Check(solver, guard.evaluations, guard.merit if guard.feasible else None, polished)
 
