@@ -98,6 +98,11 @@ class Entry(Option):
         return 0.0
 
     @property
+    def unstated(self) -> tuple[str, ...]:
+        """Things that a design may say of such a part, and nobody says of this one."""
+        return ()
+
+    @property
     def name(self) -> str:
         """Maker and part."""
         return f"{self.maker} {self.part}".strip()
@@ -265,7 +270,11 @@ class _SensorPart(Entry):
     acceptance: Angle | None = None
     """Angle at which a pixel takes half of the light [rad]; None where nothing is known."""
     colours: Colours | None = None
-    """Filters on its pixels; None where it is sold with and without."""
+    """Filters on its pixels; None where it is sold with and without, or nothing is known."""
+    mono_too: StrictBool = False
+    """Whether it is sold with filters and without."""
+    package: tuple[Length, Length] | None = None
+    """Width and height of its package [mm]; None where nothing is known."""
 
     @property
     def size(self) -> tuple[float, float]:
@@ -278,9 +287,26 @@ class _SensorPart(Entry):
         return math.prod(self.size)
 
     @property
+    def unstated(self) -> tuple[str, ...]:
+        """Its filters or its package."""
+        known = {"colour filters": self.colours or self.mono_too, "package": self.package}
+        return tuple(name for name, said in known.items() if not said)
+
+    @property
+    def filters(self) -> str:
+        """Filters on its pixels, in words."""
+        return self.colours or ("with and without" if self.mono_too else "not stated")
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Keys that it gives its table, with those of its package where that is known."""
+        sides = [format_quantity(side, "length") for side in self.package or ()]
+        return super().table | ({"package": sides} if sides else {})
+
+    @property
     def row(self) -> dict[str, Any]:
         """Plain values, its size among them."""
-        return super().row | {"size": list(self.size)}
+        return super().row | {"size": list(self.size), "filters": self.filters}
 
     @model_validator(mode="after")
     def _some(self) -> _SensorPart:

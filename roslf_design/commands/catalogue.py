@@ -20,7 +20,7 @@ from .terminal import Json, Repeated, json_text, say
 SHOWN: dict[Kind, tuple[str, ...]] = {
     "lenses": ("diameter", "clear_aperture", "focal_length", "prescription"),
     "microlens_arrays": ("pitch", "layout", "lens_shape", "focal_length", "effective_focal_length", "size"),
-    "sensors": ("pixel", "pixels", "size", "colours", "acceptance"),
+    "sensors": ("pixel", "pixels", "size", "filters", "package", "acceptance"),
     "windows": ("material", "diameter", "clear_aperture", "thickness"),
 }
 """Columns of each kind, but those in which no part has anything."""
@@ -130,7 +130,7 @@ def _unit(rows: Sequence[Mapping[str, Any]], key: str) -> tuple[float, str]:
 def _cell(row: Mapping[str, Any], key: str, unit: tuple[float, str]) -> str:
     value = row.get(key)
     if value is None:
-        return ""
+        return "not stated" if key in ("package", "acceptance") else ""
     if isinstance(value, str):
         return value
     if key == "acceptance":

@@ -6,6 +6,7 @@ import pytest
 import roslf_design as roslf
 from roslf_design.catalogue import load_catalogue
 from roslf_design.catalogue.entries import meant
+from roslf_design.cli import main
 from roslf_design.design.check import at
 from roslf_design.optimization import Combinations
 from roslf_design.reporting.design.parts_list import named_parts, parts_section
@@ -215,7 +216,24 @@ def test_a_sensor_that_a_study_chooses_has_not_what_the_one_before_declared(own,
     combinations = Combinations.of(problem, load_catalogue(), ("sensors",))
     chosen = [combinations.problem_at(k).design.sensor for k in range(len(combinations))]
     assert {sensor.colours for sensor in chosen if sensor.part == "OV5647"} == {"BGGR"}
-    assert {(sensor.colours, sensor.acceptance) for sensor in chosen if sensor.part != "OV5647"} == {(kept, None)}
+    others = [sensor for sensor in chosen if sensor.part not in ("OV5647", "IMX477")]
+    assert {(sensor.colours, sensor.acceptance) for sensor in others} == {(kept, None)}
+    assert {sensor.colours for sensor in chosen if sensor.part == "IMX477"} == {"RGGB"}
+
+
+def test_what_nobody_states_of_a_sensor_is_said(capsys):
+    """Filters and package: of each sensor what is known, else that it is not."""
+    sensors = {part.part: part for part in load_catalogue().sensors}
+    told = {name: (sensors[name].filters, sensors[name].unstated) for name in ("IMX250", "IMX290", "IMX477", "OV6948")}
+    assert told == {
+        "IMX250": ("not stated", ("colour filters", "package")),
+        "IMX290": ("with and without", ("package",)),
+        "IMX477": ("RGGB", ("package",)),
+        "OV6948": ("not stated", ("colour filters",)),
+    }
+    assert roslf.load("rigid-scope").replace({"sensor.part": "OV6948"}).sensor.package == (0.575, 0.575)
+    assert main(["catalogue", "--kind", "sensors"]) == 0
+    assert capsys.readouterr().out.count("not stated") > 30
 
 
 def test_the_catalogue_prints_what_to_paste(capsys, tmp_path):

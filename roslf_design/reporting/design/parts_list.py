@@ -11,7 +11,7 @@ from ...catalogue import Catalogue, Entry, Kind, load_catalogue
 from ...catalogue.entries import NAMED, meant
 from ...design.check import at
 from ...theory.colours import PIXEL_FILTERS
-from ...words import length
+from ...words import length, listed
 from ..blocks import Bullets, Section, Table
 from ..lens_words import lens_words
 from .figures import at_room
@@ -216,4 +216,5 @@ def _catalogue_match(
 
 def _provenance(entry: Entry) -> str:
     remark = f" {entry.remark[:1].upper()}{entry.remark[1:].rstrip('.')}." if entry.remark else ""
-    return f"{entry.name}: {entry.source} ({entry.confidence}).{remark}"
+    unstated = f" Not stated: {listed([*entry.unstated])}." if entry.unstated else ""
+    return f"{entry.name}: {entry.source} ({entry.confidence}).{remark}{unstated}"
