@@ -496,14 +496,15 @@ def plan_blocks(
     mostly = {where: one.mostly.replace(";", ", but") for where, one in places.items()}
     depths = [f"± {_rounded(one.expanded_mm)} {where}, {mostly[where]}" for where, one in places.items()]
     promise = f"Calibration as planned, {supposed}: depth, expected, to U = {'; '.join(depths)}."
-    promise += f" Assumes a board of {size} cells."
+    promise += f"{f' {other}' if build is None else ''} Assumes a board of {size} cells."
     remedy = sentence(f"{best}: ± {_rounded(2 * after[best])} in the focal plane") if helps else NO_GAIN
-    answers = [Statement("plain", promise, remedy), Statement("plain", other)]
+    answers = [Statement("plain", promise, remedy)]
     large = too_large(design, c)
     if large:
         answers.append(Statement("caution", sentence(large), sentence(smaller_board(design, c))))
     answers += filter(None, [cover_statement(plan_cover(design, c, asked), wider_board(design, c, asked))])
     answers.append(_promise(design, plan, asked, build))
+    answers += [Statement("plain", other)] * (build is not None)  # a report's summary has one U
     sigmas = "".join(f' --sigma "{place}={sigma}"' for place, sigma in asked.sigma.items())
     command = f'roslf calibrate CAPTURES --design design.toml --board "{c.board.text}"{sigmas} -o calibration'
 
