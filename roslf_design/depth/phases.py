@@ -425,19 +425,26 @@ def _free_waves(
     nodes, views, _, count = raw.shape
     for i in prange(nodes):
         before, mean, foreign = np.empty((views, 2, count)), np.empty((2, count)), np.empty((2, count))
+        # Sample by sample: whole arrays at once would be compiled several times as long.
         for _ in range(rounds):
-            mean[:] = 0.0
             known = 0
+            for part in range(2):
+                for k in range(count):
+                    mean[part, k] = 0.0
             for n in range(views):
                 if sure[i, n] > 0:
-                    mean += out[i, n]
                     known += 1
-            mean /= max(known, 1)
+                    for part in range(2):
+                        for k in range(count):
+                            mean[part, k] += out[i, n, part, k]
             for n in range(views):
-                before[n] = out[i, n] if sure[i, n] > 0 else mean
+                for part in range(2):
+                    for k in range(count):
+                        before[n, part, k] = out[i, n, part, k] if sure[i, n] > 0 else mean[part, k] / max(known, 1)
             for n in range(views):
-                foreign[:] = 0.0
                 real, imaginary = foreign[0], foreign[1]
+                for k in range(count):
+                    real[k], imaginary[k] = 0.0, 0.0
                 for m in range(first[n], first[n + 1]):
                     share = shares[i, m]
                     if share != 0:
@@ -445,4 +452,6 @@ def _free_waves(
                         for k in range(count):
                             real[k] += share * (turn[0, k] * other[0, k] - turn[1, k] * other[1, k])
                             imaginary[k] += share * (turn[0, k] * other[1, k] + turn[1, k] * other[0, k])
-                out[i, n] = (raw[i, n] - foreign) * gain[i, n]
+                for part in range(2):
+                    for k in range(count):
+                        out[i, n, part, k] = (raw[i, n, part, k] - foreign[part, k]) * gain[i, n]

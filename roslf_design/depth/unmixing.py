@@ -756,7 +756,7 @@ def _fill_row(known: Any, values: Any) -> None:
 
 @kernel()
 def _gather_row(
-    n: int, v: int, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, node: Any, down: Any,
+    n: int, v: np.int64, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, node: Any, down: Any,
     along: Any, across: int, start: Any, out: Any, like: Any, share: Any,
 ) -> None:  # fmt: skip
     """Add neighbours' light in samples n of row v; one that nothing is known of is like the microlens itself."""
