@@ -365,7 +365,7 @@ def estimate_disparity(
     pooled = None
     if pulled is not None:
         judged, pooled = _with_errors_of_views(judged, pulled, fit)
-    if not edges and noise.measured:
+    if not edges and (noise.measured or passes <= ROUGH):  # noise is told by windows that hold no step
         return judged
     if not edges:
         step = parted(look, fit, window, judged.error, lambda along: every.look([(whole, along)], picture))
