@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._jit import THREADS
 from ..calibration.decoding import LightField
 from .bends import window_bends
-from .occlusion import BESIDE_STEP, SETTLED, SIZES, Limits, beside_steps, past_edges
+from .occlusion import BESIDE_STEP, SETTLED, SIZES, FewViews, Limits, Quarter, beside_steps, past_edges
 from .sides import Parted, parted
 from .warping import (
     SUMS,
@@ -402,17 +402,18 @@ def _with_edges(judged: DisparityMap, wanted: Flags, look: SharedLight, start: S
     # The middle view shows what the microlens sees: without it a quarter agrees on what lies behind an edge beside.
     left, above = ((side <= 1e-6, side >= -1e-6) for side in views.pupil.mean(axis=(2, 3)))
     few = views.sparse if len(views.grid) >= _MANY else np.ones(len(views.grid), np.bool_)
+    quarters = [Quarter(part, views.corners(part & few)) for a in left for b in above if (part := a & b).sum() > 2]
     known = judged.disparity[judged.measured]
     least, most = (max(low, known.min() - 1), min(high, known.max() + 1)) if known.size else (low, high)
-    coarse = min(views.shape) >= MANY_PIXELS
+    coarse, rough = min(views.shape) >= MANY_PIXELS, roughness(look.picture)
     each = coarse and groups is not None and len(groups.zones) == few.sum()
     found, wrong = past_edges(
-        look, wanted, [(a & b, a & b & few) for a in left for b in above if (a & b).sum() > 2], judged.disparity,
+        look, wanted, quarters, judged.disparity,
         lambda some, near: _searched(
             every if each else replace(every, views=views.some(some)), least, most, SIZES[0], coarse, near,
             groups.some(some[few]) if each and groups is not None else None,
         ).disparity,
-        partial(every.look, rough=roughness(look.picture)), limits,
+        partial(every.look, rough=rough), partial(every.few, rough=rough), limits,
     )  # fmt: skip
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
     disparity = np.where(new, found.disparity, np.where(wrong, np.nan, judged.disparity))
@@ -457,15 +458,21 @@ class _AllViews:
         for some, disparity in parts:
             if kept is not None:
                 disparity = np.where(np.abs(disparity - kept.disparity) <= _SAME, np.nan, disparity)
-            self._sum(np.flatnonzero(some), disparity, picture, rough, robust, sums, each)
+            self._sum(np.flatnonzero(some), disparity, picture, rough, robust, sums, self.apart, each)
             np.copyto(where, disparity, where=~np.isnan(disparity))
         return SharedLight(sums, np.where(sums[11] > 0, sums[0], picture), where, views.steps, views.density, each)
 
+    def few(self, indices: NDArray[np.int64], disparity: Array, picture: Array, rough: Pictures) -> FewViews:
+        """Few views along a disparity, each by itself; else as `look`."""
+        each = np.empty((len(indices), 2, *self.views.shape), np.float32)
+        self._sum(indices, disparity, picture, rough, True, np.empty((0, *self.views.shape), np.float32), indices, each)
+        return FewViews(each, self.views.pupil, indices, picture, disparity, self.views.steps)
+
     def _sum(
         self, chosen: NDArray[np.int64], disparity: Array, picture: Array, rough: Pictures, robust: bool, sums: Array,
-        each: Pictures,
+        apart: NDArray[np.int64], each: Pictures,
     ) -> None:  # fmt: skip
-        """Sums of chosen views along a disparity, as `common` makes them."""
+        """Sums of chosen views along a disparity, as `common` makes them, and what each of those `apart` shows."""
         from scipy import ndimage
 
         views, noise = self.views, self.noise
@@ -475,7 +482,7 @@ class _AllViews:
         even, slot = not finite and not any(cells.strides), np.full(len(views.grid), -1)
         cells = np.ascontiguousarray(cells[:1, :1, :1] if even else cells)  # of one layout: compiled once for both
         if len(each):
-            slot[self.apart] = np.arange(len(each))
+            slot[apart] = np.arange(len(each))
         with THREADS:
             common.compiled(
                 splines, cells, views.pupil, views.aside, views.still, even, chosen, disparity, picture, rough, peak,
@@ -614,6 +621,12 @@ class _Views:
     def sparse(self) -> Flags:
         """True of every other one along both axes, which are a quarter of all."""
         return np.asarray((self.grid % 2 == 0).all(axis=1))
+
+    def corners(self, some: Flags) -> NDArray[np.int64]:
+        """Indices of the outermost of some views, or of all of these where they have no corners."""
+        ends = [np.isin(at, (at[some].min(), at[some].max())) for at in self.grid.T]
+        four = np.flatnonzero(some & ends[0] & ends[1])
+        return four if len(four) > 2 else np.flatnonzero(some)
 
     @cached_property
     def splines(self) -> tuple[Pictures, Pictures]:

@@ -18,7 +18,7 @@ from scipy import ndimage
 
 from .._jit import THREADS, kernel, prange
 from .warping import add
-from .windows import CHI2, SPARE, STRAIN, SharedLight, WindowFit, carried, chance
+from .windows import CHI2, FREE, QUORUM, SPARE, STRAIN, TERMS, UNDER, SharedLight, carried, fit_window, row_terms
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -42,7 +42,9 @@ _FATTENED = 7
 _CLEARLY = 0.6
 """Chi-square along the farther surface, over that along the nearer, below which a microlens shows the farther: chosen
 on rendered light fields and a Lytro's, where noise alone makes the two alike."""
-_TILE = 16
+_NEAR = 3
+"""Microlenses beside those wanted that are looked at as well, for windows that hold these."""
+_TILE = 32
 """Rows that are worked out one after the other, by one thread."""
 _DEPTH_STEP, BESIDE_STEP = 0.9, 2.0
 """Difference of known disparities within `SIZES[0]` that is a depth step [pitches], and the factor by which errors are
@@ -58,9 +60,13 @@ class Limits(NamedTuple):
     level: Array
     """Chi-square of windows that see one surface."""
 
-    def own(self, freedom: Array) -> Array:
-        """Chi-square per degree of freedom up to which a microlens's views, of so many degrees, see the surface."""
-        return np.asarray(np.maximum(AT_ODDS, chance(freedom)) * ndimage.minimum_filter(self.level, SIZES[0]))
+
+class Quarter(NamedTuple):
+    """Views of a quarter of the pupil."""
+
+    views: Flags
+    few: NDArray[np.int64]
+    """Indices of those that tell whether the quarter agrees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,47 +86,104 @@ class _Offered:
 
     def take(self, look: SharedLight, wanted: Flags, limits: Limits) -> None:
         """Take the windows of a look that know more than those so far."""
-        largest_sigma, alike, level = limits
-        own_limit = limits.own(look.sums[10])
-        raw, moment = (np.where(look.gradient[2], part, 0) for part in look.moments)
-        for number, window in enumerate(SIZES):
-            fit = WindowFit.of(look, window, ndimage.binary_dilation(wanted, np.ones((window, window), np.bool_)))
-            widened, misfit = _PICKED * fit.widened(alike[number] if alike else None), fit.misfit(AT_ODDS, level)
-            with THREADS:
-                _take_best.compiled(
-                    fit.maps, widened, misfit, look.disparity, look.sums, raw, moment,
-                    own_limit, wanted, window // 2, largest_sigma,
-                    self.disparity, self.sigma, self.chi2, self.views, self.picture,
-                )  # fmt: skip
+        alike = np.full(len(SIZES), np.nan) if limits.alike is None else np.array(limits.alike)
+        slopes = look.gradient
+        with THREADS:
+            _take_best.compiled(
+                look.sums, *slopes, look.disparity, look.steps, look.density, limits.level,
+                ndimage.minimum_filter(limits.level, SIZES[0]), alike, wanted, limits.largest_sigma,
+                self.disparity, self.sigma, self.chi2, self.views, self.picture,
+            )  # fmt: skip
+
+
+@kernel(inline=True)
+def _chance(freedom: float) -> float:
+    """As `windows.chance`."""
+    over = 8.0 / max(freedom, 0.5)
+    return 1.0 + 2.0 * math.sqrt(over) + 2.0 * over
+
+
+@kernel(inline=True)
+def _surely(chi2: float, freedom: float) -> float:
+    """Chi-square per degree of freedom where it is surely above 1, else 1."""
+    return chi2 if chi2 > 1 + 3 * math.sqrt(2 / max(freedom, 1.0)) else 1.0
 
 
 @kernel(parallel=True)
 def _take_best(
-    fit: Array, widened: Array, misfit: Array, begun: Array, sums: Array, raw: Array, moment: Array, own_limit: Array,
-    wanted: Flags, reach: int, largest_sigma: float, disparity: Array, sigma: Array, chi2: Array, views: Array,
-    picture: Array,
+    sums: Array, slope_u: Array, slope_v: Array, known: Flags, begun: Array, steps: tuple[float, float],
+    density: float, level: Array, lowest: Array, alike: Array, wanted: Flags, largest_sigma: float, disparity: Array,
+    sigma: Array, chi2: Array, views: Array, picture: Array,
 ) -> None:  # fmt: skip
     """Take, of windows that hold a microlens, that which knows its disparity best, if it knows more than `sigma`."""
     rows, columns = wanted.shape
-    for v in prange(rows):
-        for u in range(columns):
-            if not wanted[v, u]:
-                continue
-            for b in range(max(v - reach, 0), min(v + reach + 1, rows), reach):
-                for a in range(max(u - reach, 0), min(u + reach + 1, columns), reach):
-                    over, under = u - a, v - b
-                    if (over % reach) + (under % reach) or misfit[b, a] > 1 or not fit[SPARE, b, a] > 3:
+    for tile in prange((rows + _TILE - 1) // _TILE):
+        top, bottom, most = tile * _TILE, min(tile * _TILE + _TILE, rows), SIZES[0] // 2
+        if not wanted[top:bottom].any():
+            continue
+        low, high = max(top - 2 * most, 0), min(bottom + 2 * most, rows)
+        first, last = max(top - most, 0), min(bottom + most, rows)
+        terms, fit = np.zeros((high - low, TERMS, columns)), np.zeros((UNDER + 1, last - first, columns))
+        down, near, none = np.zeros((TERMS, columns + 2 * most)), np.zeros((TERMS, columns)), np.zeros(0)
+        misfit, widened = np.zeros((2, last - first, columns))
+        for v in range(low, high):
+            row_terms(sums, slope_u, slope_v, known, begun, steps, v, terms[v - low])
+        for n in range(len(SIZES)):
+            reach = SIZES[n] // 2
+            quorum = QUORUM * SIZES[n] ** 2
+            for v in range(max(top - reach, 0), min(bottom + reach, rows)):
+                row, some, wide = v - first, np.zeros(columns, np.bool_), np.zeros(columns + 2 * most, np.bool_)
+                for b in range(v - reach, v + reach + 1, reach):
+                    if top <= b < bottom:
+                        wide[most : most + columns] |= wanted[b]
+                for a in range(-reach, reach + 1, reach):
+                    some |= wide[most + a : most + a + columns]
+                if not some.any():
+                    continue
+                down[:], near[:] = 0.0, 0.0
+                for k in range(TERMS):
+                    for b in range(max(v - reach, 0), min(v + reach + 1, rows)):
+                        add(terms[b - low, k], 1.0, down[k, reach : reach + columns])
+                    for a in range(2 * reach + 1):
+                        add(down[k, a:], 1.0, near[k])
+                for u in range(columns):
+                    if not some[u]:
                         continue
-                    value, error = carried(fit, b, a, over, under)
-                    change = value - begun[v, u]
-                    own = sums[9, v, u] + (2 * moment[v, u] + raw[v, u] * change) * change
-                    reported = error * widened[b, a]
-                    good = own <= own_limit[v, u] * max(sums[10, v, u], 0.5) and reported <= largest_sigma
-                    good = good and abs(change) <= max(0.5 * error, SETTLED)
-                    if good and reported < sigma[v, u]:
-                        disparity[v, u], sigma[v, u] = value, reported
-                        chi2[v, u] = max(fit[CHI2, b, a], fit[STRAIN, b, a])
-                        views[v, u], picture[v, u] = sums[11, v, u], sums[0, v, u]
+                    fit_window(near[:, u], none, v, u, begun[v, u], quorum, density, row, fit)
+                    square, free, strain, spare = (
+                        fit[CHI2, row, u], fit[FREE, row, u], fit[STRAIN, row, u], fit[SPARE, row, u],
+                    )  # fmt: skip
+                    misfit[row, u] = max(
+                        square / (level[v, u] * max(_chance(free), AT_ODDS)), strain / max(_chance(spare), AT_ODDS)
+                    )
+                    if math.isnan(alike[n]):
+                        more = max(_surely(square, free), _surely(strain, spare))
+                    else:
+                        more = max(alike[n] * square, strain if spare > 3 else 0.0, 1e-12)
+                    widened[row, u] = _PICKED * math.sqrt(more)
+            for v in range(top, bottom):
+                raw, moment = terms[v - low, 9], terms[v - low, 10]
+                for u in range(columns):
+                    if not wanted[v, u]:
+                        continue
+                    free = max(sums[10, v, u], 0.5)
+                    limit = max(AT_ODDS, _chance(sums[10, v, u])) * lowest[v, u] * free
+                    for b in range(v - reach, v + reach + 1, reach):
+                        for a in range(u - reach, u + reach + 1, reach):
+                            if not (0 <= b < rows and 0 <= a < columns):
+                                continue
+                            row = b - first
+                            if misfit[row, a] > 1 or not fit[SPARE, row, a] > 3:
+                                continue
+                            value, error = carried(fit, row, a, u - a, v - b)
+                            reported, change = error * widened[row, a], value - begun[v, u]
+                            own = sums[9, v, u] + (2 * moment[u] + raw[u] * change) * change
+                            good = own <= limit and reported <= largest_sigma
+                            good = good and abs(change) <= max(0.5 * error, SETTLED)
+                            if good and reported < sigma[v, u]:
+                                disparity[v, u], sigma[v, u] = value, reported
+                                chi2[v, u] = max(fit[CHI2, row, a], fit[STRAIN, row, a])
+                                views[v, u], picture[v, u] = sums[11, v, u], sums[0, v, u]
 
 
 @kernel(parallel=True)
@@ -166,113 +229,209 @@ def sides_about(disparity: Array, wanted: Flags, reach: int = _BESIDE, two: floa
     return sides
 
 
-def settle(look: SharedLight, window: int, number: int, before: Array, least: Array, chosen: Array) -> None:
-    """Correct the disparities of a look once over windows, and choose them where they leave less than so far.
+@dataclass(frozen=True, eq=False)
+class _Settled:
+    """Disparities along which some views of each quarter agree best so far."""
 
-    They become those `chosen` of look `number`, instead of any other's, where chi-square per degree of freedom is below
-    `least`, unless they are what that had `before`. It is that of the microlens's own views and of the best window that
-    holds it: beside a step that about it sees both surfaces, whichever of the two it is compared along, and the edge
-    is the nearer one's.
+    least: Array
+    """Chi-square per degree of freedom that they leave, of the quarter that agrees best."""
+    chosen: Array
+    """Shape (quarter, v, u): of that quarter, not numbers of others."""
+
+    @classmethod
+    def none(cls, count: int, shape: tuple[int, int]) -> _Settled:
+        """Nothing of so many quarters to begin with."""
+        return cls(np.full(shape, 1e30), np.full((count, *shape), np.nan))
+
+    def settle(self, light: FewViews, quarters: Sequence[Flags], window: int, before: Array) -> None:
+        """Correct disparities once over windows, each quarter's, and choose them where they leave less than so far.
+
+        They become those chosen of one of the `quarters` of the `light`, true for its views, unless they are what that
+        had `before`. What they leave is that of the microlens's own views and of the best window that holds it: beside
+        a step that about it sees both surfaces, whichever of the two it is compared along, and the edge is the nearer
+        one's.
+        """
+        with THREADS:
+            _settle.compiled(
+                light.each, light.pupil, light.indices, np.array(quarters), light.picture, light.disparity, light.steps,
+                window // 2, before, self.least, self.chosen,
+            )  # fmt: skip
+
+
+class FewViews(NamedTuple):
+    """Few views along a disparity, each by itself."""
+
+    each: NDArray[np.float32]
+    """What each shows, and its weight, shape (view, 2, v, u); anything where the disparity is no number."""
+    pupil: NDArray[np.float32]
+    """Of all views, shape (2, view, v, u)."""
+    indices: NDArray[np.int64]
+    """Indices of the few."""
+    picture: Array
+    """What they are expected to show."""
+    disparity: Array
+    steps: tuple[float, float]
+
+
+@kernel(apart=True)
+def _add_light(shown: Array, weight: Array, expected: Array, total: Array, value: Array) -> None:
+    """Add weights of a view, and what it shows beyond what is expected times these, along a row."""
+    for u in range(weight.size):
+        total[u] += weight[u]
+        value[u] += weight[u] * (shown[u] - expected[u])
+
+
+@kernel(apart=True)
+def _add_pulls(
+    shown: Array, weight: Array, expected: Array, x: Array, y: Array, along: Array, over: Array, sums: Array
+) -> None:
+    """Add moments of a view's pull, which slopes (x, y) of the picture lend it, and of its value to sums, along a row.
+
+    Sums of weights, with pull and value, with their squares and product, and the count: shape (7, u).
     """
-    with THREADS:
-        _settle.compiled(
-            look.sums, look.picture, look.disparity, look.steps, window // 2, number, before, least, chosen
-        )
+    for u in range(weight.size):
+        w, p, value = weight[u], x[u] * along[u] + y[u] * over[u], shown[u] - expected[u]
+        sums[0, u] += w
+        sums[1, u] += w * p
+        sums[2, u] += w * value
+        sums[3, u] += w * p * p
+        sums[4, u] += w * p * value
+        sums[5, u] += w * value * value
+        sums[6, u] += 1.0 if w > 0 else 0.0
+
+
+@kernel(apart=True)
+def _about_mean(sums: Array, known: Flags, terms: Array) -> None:
+    """Chi-square about another disparity: raw, moment, residual and freedom, shape (4, u), by sums of `_add_pulls`."""
+    for u in range(known.size):
+        here, total = known[u] and sums[6, u] > 1, max(sums[0, u], 1e-30)
+        p, value = sums[1, u] / total, sums[2, u] / total
+        terms[0, u] = sums[3, u] - sums[1, u] * p if here else 0.0
+        terms[1, u] = sums[4, u] - sums[1, u] * value if here else 0.0
+        terms[2, u] = max(sums[5, u] - sums[2, u] * value, 0.0) if here else 0.0
+        terms[3, u] = sums[6, u] - 1 if here else 0.0
 
 
 @kernel(parallel=True)
 def _settle(
-    sums: Array, picture: Array, begun: Array, steps: tuple[float, float], reach: int, number: int, before: Array,
-    least: Array, chosen: Array,
+    each: Array, pupil: Array, indices: Array, quarters: Flags, picture: Array, begun: Array,
+    steps: tuple[float, float], reach: int, before: Array, least: Array, chosen: Array,
 ) -> None:  # fmt: skip
-    """As `settle`; slopes of the picture are differences of neighbours."""
+    """As `_Settled.settle`; slopes of what a quarter shows are differences of neighbours."""
     rows, columns = begun.shape
     for tile in prange((rows + _TILE - 1) // _TILE):
         top, bottom = tile * _TILE, min(tile * _TILE + _TILE, rows)
         first, last = max(top - reach, 0), min(bottom + reach, rows)
         low, high = max(first - reach, 0), min(last + reach, rows)
+        known = ~np.isnan(begun[low:high])
+        if not known.any():
+            continue
+        start, stop = max(low - 1, 0), min(high + 1, rows)
+        seen, x, y = np.zeros((stop - start, columns)), np.zeros(columns), np.zeros(columns)
         terms, down = np.zeros((high - low, 4, columns)), np.zeros((4, columns + 2 * reach))
-        windows, total = np.zeros((last - first, 2, columns)), np.zeros((4, columns))
-        for v in range(low, high):
-            raw, moment, squares, free = terms[v - low]
-            above, below = max(v - 1, 0), min(v + 1, rows - 1)
-            for u in range(columns):
-                left, right = max(u - 1, 0), min(u + 1, columns - 1)
-                x = (picture[v, right] - picture[v, left]) / ((right - left) * steps[0])
-                y = (picture[below, u] - picture[above, u]) / ((below - above) * steps[1])
-                raw[u] = x * x * sums[4, v, u] + 2 * x * y * sums[5, v, u] + y * y * sums[6, v, u]
-                moment[u] = x * sums[7, v, u] + y * sums[8, v, u]
-                squares[u], free[u] = sums[9, v, u], sums[10, v, u]
-        for v in range(first, last):
-            down[:], total[:] = 0.0, 0.0
-            for k in range(4):
-                for b in range(max(v - reach, 0), min(v + reach + 1, rows)):
-                    add(terms[b - low, k], 1.0, down[k, reach : reach + columns])
-                for a in range(2 * reach + 1):
-                    add(down[k, a:], 1.0, total[k])
-            changes, costs = windows[v - first]
-            for u in range(columns):
-                near, pull, square, freedom = total[:, u]
-                change = min(max(-pull / max(near, 1.0), -_FURTHEST), _FURTHEST)
-                changes[u], costs[u] = change, math.inf
-                if freedom > 1:
-                    costs[u] = (square + (2 * pull + near * change) * change) / freedom
-        for v in range(top, bottom):
-            raw, moment, squares, free = terms[v - low]
-            for u in range(columns):
-                if not sums[11, v, u] > 0:
-                    continue
-                for b in range(max(v - reach, 0), min(v + reach + 1, rows), reach):
-                    for a in range(max(u - reach, 0), min(u + reach + 1, columns), reach):
-                        change, cost = windows[b - first, 0, a], windows[b - first, 1, a]
-                        settled = begun[v, u] + change
-                        if cost >= least[v, u] or abs(settled - before[v, u]) <= SETTLED:
-                            continue
-                        own = squares[u] + (2 * moment[u] + raw[u] * change) * change
-                        cost = max(cost, own / max(free[u], 0.5))
-                        if cost < least[v, u]:
-                            least[v, u] = cost
-                            for k in range(chosen.shape[0]):
-                                chosen[k, v, u] = settled if k == number else math.nan
+        windows, total, sums = np.zeros((last - first, 2, columns)), np.zeros((4, columns)), np.zeros((7, columns))
+        for q in range(quarters.shape[0]):
+            if not quarters[q].any():
+                continue
+            for v in range(start, stop):
+                total[:2] = 0.0
+                for n in range(indices.size):
+                    if quarters[q, n]:
+                        _add_light(each[n, 0, v], each[n, 1, v], picture[v], total[0], total[1])
+                for u in range(columns):
+                    shown = total[0, u] > 0 and not math.isnan(begun[v, u])
+                    seen[v - start, u] = picture[v, u] + (total[1, u] / total[0, u] if shown else 0.0)
+            for v in range(low, high):
+                above, below = max(v - 1, 0), min(v + 1, rows - 1)
+                for u in range(columns):
+                    left, right = max(u - 1, 0), min(u + 1, columns - 1)
+                    x[u] = (seen[v - start, right] - seen[v - start, left]) / ((right - left) * steps[0])
+                    y[u] = (seen[below - start, u] - seen[above - start, u]) / ((below - above) * steps[1])
+                sums[:] = 0.0
+                for n in range(indices.size):
+                    if quarters[q, n]:
+                        k = indices[n]
+                        _add_pulls(
+                            each[n, 0, v], each[n, 1, v], picture[v], x, y, pupil[0, k, v], pupil[1, k, v], sums,
+                        )  # fmt: skip
+                _about_mean(sums, known[v - low], terms[v - low])
+            for v in range(first, last):
+                down[:], total[:] = 0.0, 0.0
+                for k in range(4):
+                    for b in range(max(v - reach, 0), min(v + reach + 1, rows)):
+                        add(terms[b - low, k], 1.0, down[k, reach : reach + columns])
+                    for a in range(2 * reach + 1):
+                        add(down[k, a:], 1.0, total[k])
+                changes, costs = windows[v - first]
+                for u in range(columns):
+                    near, pull, square, freedom = total[0, u], total[1, u], total[2, u], total[3, u]
+                    change = min(max(-pull / max(near, 1.0), -_FURTHEST), _FURTHEST)
+                    changes[u], costs[u] = change, math.inf
+                    if freedom > 1:
+                        costs[u] = (square + (2 * pull + near * change) * change) / freedom
+            for v in range(top, bottom):
+                raw, moment, squares, free = terms[v - low]
+                for u in range(columns):
+                    if not free[u] > 0:
+                        continue
+                    for b in range(max(v - reach, 0), min(v + reach + 1, rows), reach):
+                        for a in range(max(u - reach, 0), min(u + reach + 1, columns), reach):
+                            change, cost = windows[b - first, 0, a], windows[b - first, 1, a]
+                            settled = begun[v, u] + change
+                            if cost >= least[v, u] or abs(settled - before[q, v, u]) <= SETTLED:
+                                continue
+                            own = squares[u] + (2 * moment[u] + raw[u] * change) * change
+                            cost = max(cost, own / free[u])
+                            if cost < least[v, u]:
+                                least[v, u] = cost
+                                for k in range(chosen.shape[0]):
+                                    chosen[k, v, u] = settled if k == q else math.nan
 
 
 def past_edges(
-    first: SharedLight, wanted: Flags, quarters: Sequence[tuple[Flags, Flags]], disparity: Array,
-    search: Callable[[Flags, Flags], Array], look: Callable[..., SharedLight], limits: Limits,
+    first: SharedLight, wanted: Flags, quarters: Sequence[Quarter], disparity: Array,
+    search: Callable[[Flags, Flags], Array], look: Callable[..., SharedLight], few: Callable[..., FewViews],
+    limits: Limits,
 ) -> tuple[_Offered, Flags]:  # fmt: skip
     """Disparities of the microlenses `wanted`, where other windows or a quarter of the views have them.
 
-    `first` is of all views; `quarters` are true for the views of each quarter of the pupil, and for few of these. The
-    few tell which quarter agrees best, along which of the surfaces beside by the `disparity` that is known; all of that
-    quarter are looked at along it. Then what has none still, by what is known now: in places wider than a window, which
-    no surface beside may explain, also along what `search` makes of some views near some microlenses. `look` looks at
-    some views along disparities, as `_AllViews` does. With them comes where all disparities so far are wrong.
+    `first` is of all views. Few views of the `quarters` tell which agrees best, along which of the surfaces beside by
+    the `disparity` that is known; all of that quarter are looked at along it. Then what has none still, by what is
+    known now: in places wider than a window, which no surface beside may explain, also along what `search` makes of
+    some views near some microlenses. `look` looks at some views along disparities, as `_AllViews` does, and `few` at
+    each of a few. With them comes where all disparities so far are wrong.
     """
     found = _Offered.none(wanted.shape)
     found.take(first, wanted, limits)
-    tried = np.full((len(quarters), *wanted.shape), np.nan)
+    each = np.unique(np.concatenate([quarter.few for quarter in quarters]))
+    own = [np.isin(each, quarter.few) for quarter in quarters]
+    settled = _Settled.none(len(quarters), wanted.shape)
     for last in (False, True):
         wanted = wanted & ~np.isfinite(found.sigma)
         if not wanted.any():
             break
-        near, known = ndimage.binary_dilation(wanted, iterations=4), np.isfinite(found.sigma)
-        sides = sides_about(np.where(known, found.disparity, disparity), near)
-        least, chosen = np.full(wanted.shape, 1e30), np.full((len(quarters), *wanted.shape), np.nan)
+        near, known = ndimage.binary_dilation(wanted, iterations=_NEAR), np.isfinite(found.sigma)
+        tried, settled = settled.chosen, _Settled.none(len(quarters), wanted.shape)
+        for side in sides_about(np.where(known, found.disparity, disparity), near):
+            settled.settle(few(each, side, first.picture), own, SIZES[0], tried)
         wide = ndimage.binary_opening(wanted, np.ones((SIZES[0], SIZES[0]), np.bool_)) & last
         about = ndimage.binary_dilation(wide, iterations=4)
-        for number, (_, few) in enumerate(quarters):
-            others = [np.where(about, search(few, about), np.nan)] if wide.any() else []
-            for side in (*sides, *others):
-                settle(look([(few, side)], first.picture), SIZES[0], number, tried[number], least, chosen)
-        parts = [(whole, own) for (whole, _), own in zip(quarters, chosen, strict=True)]
-        found.take(look(parts, first.picture), wanted, limits)
-        tried = chosen
-    return found, _behind(first, quarters, disparity, look, limits, found)
+        for number, quarter in enumerate(quarters if wide.any() else ()):
+            along = np.where(about, search(np.isin(np.arange(len(quarter.views)), quarter.few), about), np.nan)
+            alone = [np.full(len(quarter.few), k == number) for k in range(len(quarters))]
+            settled.settle(few(quarter.few, along, first.picture), alone, SIZES[0], tried)
+        found.take(look(_parts(quarters, settled), first.picture), wanted, limits)
+    return found, _behind(first, quarters, disparity, look, few, limits, found)
+
+
+def _parts(quarters: Sequence[Quarter], settled: _Settled) -> list[tuple[Flags, Array]]:
+    """Views of each quarter, and the disparities along which it agrees best."""
+    return [(quarter.views, own) for quarter, own in zip(quarters, settled.chosen, strict=True)]
 
 
 def _behind(
-    first: SharedLight, quarters: Sequence[tuple[Flags, Flags]], disparity: Array, look: Callable[..., SharedLight],
-    limits: Limits, found: _Offered,
+    first: SharedLight, quarters: Sequence[Quarter], disparity: Array, look: Callable[..., SharedLight],
+    few: Callable[..., FewViews], limits: Limits, found: _Offered,
 ) -> Flags:  # fmt: skip
     """Mark where near a step the farther surface explains a quarter of the views better than the disparity known does.
 
@@ -283,16 +442,16 @@ def _behind(
     farther = ndimage.minimum_filter(np.where(np.isnan(known), np.inf, known), _FATTENED)
     beside = known - farther > _DEPTH_STEP
     about = ndimage.binary_dilation(beside, np.ones((SIZES[0], SIZES[0]), np.bool_))
-    untried, least = np.full(known.shape, np.nan), np.full((2, *known.shape), 1e30)
-    chosen = np.full((2, len(quarters), *known.shape), np.nan)
-    for surface, along in enumerate((known, np.where(np.isfinite(farther), farther, np.nan))):
-        for number, (_, few) in enumerate(quarters):
-            seen = look([(few, np.where(about, along, np.nan))], first.picture)
-            settle(seen, SIZES[1], number, untried, least[surface], chosen[surface])
-    wrong: Flags = beside & (least[1] < _CLEARLY * least[0])
+    untried = np.full((len(quarters), *known.shape), np.nan)
+    each = np.unique(np.concatenate([quarter.few for quarter in quarters]))
+    own = [np.isin(each, quarter.few) for quarter in quarters]
+    here, behind = (_Settled.none(len(quarters), known.shape) for _ in range(2))
+    for surface, along in ((here, known), (behind, np.where(np.isfinite(farther), farther, np.nan))):
+        light = few(each, np.where(about, along, np.nan), first.picture)
+        surface.settle(light, own, SIZES[1], untried)
+    wrong: Flags = beside & (behind.least < _CLEARLY * here.least)
     found.sigma[wrong] = np.inf
-    parts = [(whole, own) for (whole, _), own in zip(quarters, chosen[1], strict=True)]
-    found.take(look(parts, first.picture), wrong, limits)
+    found.take(look(_parts(quarters, behind), first.picture), wrong, limits)
     return wrong
 
 

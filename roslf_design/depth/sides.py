@@ -147,7 +147,7 @@ def parted(
     away = np.where(nearer, front, back)
     unsure = (nearer & (front < _FATTER)) | ((away <= _PARTED) & (np.abs(votes) < 2 * _VOTE))
     counted = both & ~nearer & (back > _MIXED + step / 2) & ~unsure, nearer & (front > _FATTER) & ~unsure
-    farther, fore = (WindowFit.of(one, window, None, some) for one, some in zip(looks, counted, strict=True))
+    farther, fore = (WindowFit.of(one, window, some) for one, some in zip(looks, counted, strict=True))
     maps = np.where(nearer, fore.maps, farther.maps)
     leaky, whole = (box(part.astype(float), window) for part in (counted[0] & (back <= _LEAKS), counted[0]))
     leak = np.where(nearer, 0, _LEAK * step * leaky / np.maximum(whole, 1))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._jit import THREADS, kernel, prange
-from .warping import add, fill_holes, window_sums
+from .warping import fill_holes, window_sums
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -64,9 +64,9 @@ class SharedLight:
     @cached_property
     def terms(self) -> Array:
         """Terms that windows add up of each microlens, shape (`TERMS`, v, u)."""
-        terms, known, (raw, moment) = np.empty((TERMS, *self.disparity.shape)), self.gradient[2], self.moments
+        terms, slopes = np.empty((TERMS, *self.disparity.shape)), self.gradient
         with THREADS:
-            _window_terms.compiled(self.sums, known, raw, moment, self.disparity, self.steps, terms)
+            _window_terms.compiled(self.sums, *slopes, self.disparity, self.steps, terms)
         return terms
 
     def own(self, change: Array) -> Array:
@@ -105,19 +105,17 @@ class WindowFit:
     under: Array
 
     @classmethod
-    def of(cls, look: SharedLight, window: int, alone: Flags | None = None, counted: Flags | None = None) -> WindowFit:
+    def of(cls, look: SharedLight, window: int, counted: Flags | None = None) -> WindowFit:
         """Least squares over windows of what each microlens says of the disparity about which it was linearised.
 
-        `alone`: of the windows about these microlenses, whatever is known beside them. `counted`: by these alone.
+        `counted`: by these microlenses alone.
         """
         terms = look.terms if counted is None else look.terms * counted
-        near, reach = (box(terms, window), 0) if alone is None else (terms, window // 2)
-        some = np.ones(near.shape[1:], np.bool_) if alone is None else alone
-        wide = box(terms, 3 * window) if alone is None else near[:0]
+        near, wide = box(terms, window), box(terms, 3 * window)
         fit = np.zeros((UNDER + 1, *near.shape[1:]))
         with THREADS:
-            _fit_windows.compiled(near, reach, wide, look.disparity, some, QUORUM * window**2, look.density, fit)
-        return cls(*fit)._beside(window // 2) if alone is None else cls(*fit)
+            _fit_windows.compiled(near, wide, look.disparity, QUORUM * window**2, look.density, fit)
+        return cls(*fit)._beside(window // 2)
 
     @property
     def maps(self) -> Array:
@@ -200,30 +198,41 @@ def _move_beside(fit: Array, misfit: Array, reach: int, moved: Array) -> None:
                 moved[OVER, v, u], moved[UNDER, v, u] = over, under
 
 
+@kernel()
+def row_terms(
+    sums: Array, slope_u: Array, slope_v: Array, known: Flags, disparity: Array, steps: tuple[float, float], v: int,
+    terms: Array,
+) -> None:  # fmt: skip
+    """Terms that windows add up of the microlenses of row `v`: shape (`TERMS`, u)."""
+    for u in range(disparity.shape[1]):
+        if not known[v, u] or sums[11, v, u] <= 1:
+            for k in range(TERMS):
+                terms[k, u] = 0.0
+            continue
+        x, y, d = slope_u[v, u], slope_v[v, u], disparity[v, u]
+        r = x * x * sums[4, v, u] + 2 * x * y * sums[5, v, u] + y * y * sums[6, v, u]
+        m = x * sums[7, v, u] + y * sums[8, v, u]
+        # The picture's own noise lends it gradient that the views do not share.
+        lent = (sums[4, v, u] / steps[0] ** 2 + sums[6, v, u] / steps[1] ** 2) * _GRADIENT_NOISE
+        true = r - lent / max(sums[1, v, u], 1e-30)
+        pulled = true * d - m
+        terms[0, u], terms[1, u], terms[2, u] = true, true * u, true * v
+        terms[3, u], terms[4, u], terms[5, u] = true * u * u, true * u * v, true * v * v
+        terms[6, u], terms[7, u], terms[8, u] = pulled, pulled * u, pulled * v
+        terms[9, u], terms[10, u], terms[11, u] = r, m, r * d
+        terms[12, u], terms[13, u], terms[14, u] = r * d * d, m * d, m * m / r if r > 0 else 0.0
+        terms[15, u], terms[16, u] = sums[9, v, u], sums[10, v, u]
+        terms[17, u], terms[18, u] = 1.0, 1.0 if r > 0 else 0.0
+
+
 @kernel(parallel=True)
 def _window_terms(
-    sums: Array, known: Flags, raw: Array, moment: Array, disparity: Array, steps: tuple[float, float], terms: Array
-) -> None:
-    """Terms that windows add up of each microlens: shape (`TERMS`, v, u)."""
-    rows, columns = disparity.shape
-    for v in prange(rows):
-        for u in range(columns):
-            if not known[v, u] or sums[11, v, u] <= 1:
-                for k in range(TERMS):
-                    terms[k, v, u] = 0.0
-                continue
-            r, m, d = raw[v, u], moment[v, u], disparity[v, u]
-            # The picture's own noise lends it gradient that the views do not share.
-            lent = (sums[4, v, u] / steps[0] ** 2 + sums[6, v, u] / steps[1] ** 2) * _GRADIENT_NOISE
-            true = r - lent / max(sums[1, v, u], 1e-30)
-            pulled = true * d - m
-            terms[0, v, u], terms[1, v, u], terms[2, v, u] = true, true * u, true * v
-            terms[3, v, u], terms[4, v, u], terms[5, v, u] = true * u * u, true * u * v, true * v * v
-            terms[6, v, u], terms[7, v, u], terms[8, v, u] = pulled, pulled * u, pulled * v
-            terms[9, v, u], terms[10, v, u], terms[11, v, u] = r, m, r * d
-            terms[12, v, u], terms[13, v, u], terms[14, v, u] = r * d * d, m * d, m * m / r if r > 0 else 0.0
-            terms[15, v, u], terms[16, v, u] = sums[9, v, u], sums[10, v, u]
-            terms[17, v, u], terms[18, v, u] = 1.0, 1.0 if r > 0 else 0.0
+    sums: Array, slope_u: Array, slope_v: Array, known: Flags, disparity: Array, steps: tuple[float, float],
+    terms: Array,
+) -> None:  # fmt: skip
+    """As `row_terms`, of all rows: shape (`TERMS`, v, u)."""
+    for v in prange(disparity.shape[0]):
+        row_terms(sums, slope_u, slope_v, known, disparity, steps, v, terms[:, v])
 
 
 @kernel(inline=True)
@@ -245,61 +254,57 @@ def _plane(t: Array) -> tuple[float, float, float, float, float, float, float, b
     return across, down, cvv / whole, -cuv / whole, cuu / whole, square / max(spare, 1.0), max(spare, 0.0), sound
 
 
-@kernel(parallel=True)
-def _fit_windows(
-    terms: Array, reach: int, wide: Array, disparity: Array, some: Flags, quorum: float, density: float, fit: Array
+@kernel(inline=True)
+def fit_window(
+    near: Array, wide: Array, v: int, u: int, begun: float, quorum: float, density: float, row: int, fit: Array
 ) -> None:
-    """Least squares of some windows by the sums of their terms, and of wider ones', if any, where these show a plane.
+    """Least squares of the window about (v, u) by the sums of its terms, and of a wider one's where these show a plane.
 
-    Terms are summed here, over so much `reach`. `fit`: `WindowFit.maps`, but for the last two.
+    Of no wider one where there are none. Put into a `row` of `fit`: `WindowFit.maps`, but for the last two.
     """
+    sharp, information, free = near[0], near[9], near[16]
+    enough = sharp > max(0.05 * information, 1e-9) and near[17] > quorum
+    share = sharp if enough else 1.0
+    value = near[6] / share if enough else begun
+    square = near[15] + 2 * (value * near[10] - near[13]) + value * value * information
+    square += near[12] - 2 * value * near[11]
+    across, below, uu, uv, vv, strain, spare, sound = _plane(near)
+    own = strain if sound else 0.0
+    left, above = near[1] / share, near[2] / share
+    mean_u, mean_v = left, above
+    if len(wide):
+        first, second, third, fourth, fifth, bent, _, trusted = _plane(wide)
+        if trusted and bent < 2:
+            across, below, uu, uv, vv, sound = first, second, third, fourth, fifth, True
+            mean_u, mean_v = wide[1] / wide[0], wide[2] / wide[0]
+    if not sound:
+        across, below, uu, uv, vv = 0.0, 0.0, 0.0, 0.0, 0.0
+    over = left - u if enough and sound else 0.0
+    under = above - v if enough and sound else 0.0
+    variance = information / density / share**2 if enough else math.inf
+    uu, uv, vv = uu / density, uv / density, vv / density
+    # Of a wide plane the slope errs with the window's mean m as well: cov(m, g) is C(g) from its middle to m's.
+    off_u, off_v = left - mean_u, above - mean_v
+    to_u = uu * (over - 2 * off_u) + uv * (under - 2 * off_v)
+    to_v = uv * (over - 2 * off_u) + vv * (under - 2 * off_v)
+    variance += max(over * to_u + under * to_v, 0.0)
+    fit[DISPARITY, row, u] = value - across * over - below * under
+    fit[SIGMA, row, u] = math.sqrt(variance)
+    fit[CHI2, row, u] = max(square, 0.0) / max(free - 1, 0.5) if free > 1.5 else 0.0
+    fit[FREE, row, u], fit[STRAIN, row, u], fit[SPARE, row, u] = free - 1, own, spare
+    fit[ACROSS, row, u], fit[DOWN, row, u] = across, below
+    fit[UU, row, u], fit[UV, row, u], fit[VV, row, u] = uu, uv, vv
+    off_u, off_v = (off_u - over, off_v - under) if enough else (0.0, 0.0)
+    fit[WITH_U, row, u], fit[WITH_V, row, u] = uu * off_u + uv * off_v, uv * off_u + vv * off_v
+
+
+@kernel(parallel=True)
+def _fit_windows(near: Array, wide: Array, disparity: Array, quorum: float, density: float, fit: Array) -> None:
+    """As `fit_window`, of all windows."""
     rows, columns = disparity.shape
     for v in prange(rows):
-        sums, down = np.zeros((TERMS, columns)), np.zeros((TERMS, columns + 2 * reach))
-        for k in range(TERMS if some[v].any() else 0):
-            for b in range(max(v - reach, 0), min(v + reach + 1, rows)):
-                add(terms[k, b], 1.0, down[k, reach : reach + columns])
-            for a in range(2 * reach + 1):
-                add(down[k, a:], 1.0, sums[k])
         for u in range(columns):
-            if not some[v, u]:
-                for k in range(fit.shape[0]):
-                    fit[k, v, u] = math.inf if k == SIGMA else 0.0
-                continue
-            near = sums[:, u]
-            sharp, information, free = near[0], near[9], near[16]
-            enough = sharp > max(0.05 * information, 1e-9) and near[17] > quorum
-            share = sharp if enough else 1.0
-            value = near[6] / share if enough else disparity[v, u]
-            square = near[15] + 2 * (value * near[10] - near[13]) + value * value * information
-            square += near[12] - 2 * value * near[11]
-            across, below, uu, uv, vv, strain, spare, sound = _plane(near)
-            own = strain if sound else 0.0
-            left, above = near[1] / share, near[2] / share
-            mean_u, mean_v = left, above
-            if len(wide):
-                first, second, third, fourth, fifth, bent, _, trusted = _plane(wide[:, v, u])
-                if trusted and bent < 2:
-                    across, below, uu, uv, vv, sound = first, second, third, fourth, fifth, True
-                    mean_u, mean_v = wide[1, v, u] / wide[0, v, u], wide[2, v, u] / wide[0, v, u]
-            if not sound:
-                across, below, uu, uv, vv = 0.0, 0.0, 0.0, 0.0, 0.0
-            over = left - u if enough and sound else 0.0
-            under = above - v if enough and sound else 0.0
-            variance = information / density / share**2 if enough else math.inf
-            uu, uv, vv = uu / density, uv / density, vv / density
-            # Of a wide plane the slope errs with the window's mean m as well: cov(m, g) is C(g) from its middle to m's.
-            off_u, off_v = left - mean_u, above - mean_v
-            to_u = uu * (over - 2 * off_u) + uv * (under - 2 * off_v)
-            to_v = uv * (over - 2 * off_u) + vv * (under - 2 * off_v)
-            variance += max(over * to_u + under * to_v, 0.0)
-            fit[DISPARITY, v, u] = value - across * over - below * under
-            fit[SIGMA, v, u] = math.sqrt(variance)
-            fit[CHI2, v, u] = max(square, 0.0) / max(free - 1, 0.5) if free > 1.5 else 0.0
-            fit[FREE, v, u], fit[STRAIN, v, u], fit[SPARE, v, u] = free - 1, own, spare
-            fit[ACROSS, v, u], fit[DOWN, v, u], fit[UU, v, u], fit[UV, v, u], fit[VV, v, u] = across, below, uu, uv, vv
-            off_u, off_v = (off_u - over, off_v - under) if enough else (0.0, 0.0)
-            fit[WITH_U, v, u], fit[WITH_V, v, u] = uu * off_u + uv * off_v, uv * off_u + vv * off_v
+            fit_window(near[:, v, u], wide[:, v, u], v, u, disparity[v, u], quorum, density, v, fit)
 
 
 def chance(freedom: Array) -> Array:
@@ -355,6 +360,6 @@ def gradient(picture: Array, lit: Flags, steps: tuple[float, float]) -> tuple[Ar
         spline = ndimage.spline_filter1d(filled[0].astype(float), 5, axis=axis, mode="mirror")
         reach = [(2, 2) if k == axis else (0, 0) for k in (0, 1)]
         padded, size = np.pad(spline, reach, mode="reflect"), spline.shape[axis]
-        a, b, c, d = (np.take(padded, np.arange(k, k + size), axis) for k in (0, 1, 3, 4))
+        a, b, c, d = (padded[:, k : k + size] if axis else padded[k : k + size] for k in (0, 1, 3, 4))
         slopes.append((d - a + 10 * (c - b)) / (24 * step))
     return slopes[0], slopes[1], ndimage.binary_erosion(lit, border_value=1)

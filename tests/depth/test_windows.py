@@ -11,14 +11,14 @@ SHAPE, CORNERS = (16, 16), np.s_[[0, 0, -1, -1], [0, -1, 0, -1]]
 def drawn(density, wide):
     """Fits of windows of 5 to single microlenses, which err by a twentieth each, and planes of these or wider ones."""
     rng, (v, u) = np.random.default_rng(3), np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
-    zero, some, light = np.zeros(SHAPE), np.ones(SHAPE, bool), np.full(SHAPE, 400.0)
+    zero, light = np.zeros(SHAPE), np.full(SHAPE, 400.0)
     for _ in range(800):
         d = rng.standard_normal(SHAPE) / 20 / np.sqrt(density)  # as samples of squared rows are alike
         moments = [light * part for part in (1, u, v, u * u, u * v, v * v)] + [light * d * part for part in (1, u, v)]
         others = [light, -light * d, zero, zero, zero, light * d * d, zero + 1, zero + 1, zero + 1, zero + 1]
         terms, fit = np.stack(moments + others), np.empty((len(WindowFit.__dataclass_fields__), *SHAPE))
         assert len(terms) == TERMS
-        _fit_windows.compiled(box(terms, 5), 0, box(terms, 15)[: TERMS * wide], zero, some, 1.0, density, fit)
+        _fit_windows.compiled(box(terms, 5), box(terms, 15)[: TERMS * wide], zero, 1.0, density, fit)
         yield fit
 
 
