@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy import float32
 from numpy.typing import NDArray
 from scipy import ndimage
 
@@ -21,6 +22,7 @@ from .warping import add
 from .windows import CHI2, FREE, QUORUM, SPARE, STRAIN, TERMS, UNDER, SharedLight, carried, fit_window, row_terms
 
 Array = NDArray[np.float64]
+Samples = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 SIZES = (5, 3)
@@ -261,9 +263,9 @@ class _Settled:
 class FewViews(NamedTuple):
     """Few views along a disparity, each by itself."""
 
-    each: NDArray[np.float32]
+    each: Samples
     """What each shows, and its weight, shape (view, 2, v, u); anything where the disparity is no number."""
-    pupil: NDArray[np.float32]
+    pupil: Samples
     """Of all views, shape (2, view, v, u)."""
     indices: NDArray[np.int64]
     """Indices of the few."""
@@ -273,8 +275,14 @@ class FewViews(NamedTuple):
     steps: tuple[float, float]
 
 
+@kernel()
+def _rows(count: int, columns: int) -> Samples:
+    """Room for rows."""
+    return np.zeros((count, columns), float32)
+
+
 @kernel(apart=True)
-def _add_light(shown: Array, weight: Array, expected: Array, total: Array, value: Array) -> None:
+def _add_light(shown: Samples, weight: Samples, expected: Samples, total: Samples, value: Samples) -> None:
     """Add weights of a view, and what it shows beyond what is expected times these, along a row."""
     for u in range(weight.size):
         total[u] += weight[u]
@@ -283,109 +291,142 @@ def _add_light(shown: Array, weight: Array, expected: Array, total: Array, value
 
 @kernel(apart=True)
 def _add_pulls(
-    shown: Array, weight: Array, expected: Array, x: Array, y: Array, along: Array, over: Array, sums: Array
-) -> None:
+    shown: Samples, weight: Samples, expected: Samples, x: Samples, y: Samples, along: Samples, over: Samples,
+    sums: Samples,
+) -> None:  # fmt: skip
     """Add moments of a view's pull, which slopes (x, y) of the picture lend it, and of its value to sums, along a row.
 
     Sums of weights, with pull and value, with their squares and product, and the count: shape (7, u).
     """
+    one, zero = float32(1), float32(0)
+    whole, pulls, values, squares, both, residual, count = sums
     for u in range(weight.size):
         w, p, value = weight[u], x[u] * along[u] + y[u] * over[u], shown[u] - expected[u]
-        sums[0, u] += w
-        sums[1, u] += w * p
-        sums[2, u] += w * value
-        sums[3, u] += w * p * p
-        sums[4, u] += w * p * value
-        sums[5, u] += w * value * value
-        sums[6, u] += 1.0 if w > 0 else 0.0
+        whole[u] += w
+        pulls[u] += w * p
+        values[u] += w * value
+        squares[u] += w * p * p
+        both[u] += w * p * value
+        residual[u] += w * value * value
+        count[u] += one if w > zero else zero
 
 
 @kernel(apart=True)
-def _about_mean(sums: Array, known: Flags, terms: Array) -> None:
+def _about_mean(sums: Samples, known: Flags, terms: Samples) -> None:
     """Chi-square about another disparity: raw, moment, residual and freedom, shape (4, u), by sums of `_add_pulls`."""
+    one, zero, least = float32(1), float32(0), float32(1e-30)
     for u in range(known.size):
-        here, total = known[u] and sums[6, u] > 1, max(sums[0, u], 1e-30)
+        here, total = known[u] and sums[6, u] > one, max(sums[0, u], least)
         p, value = sums[1, u] / total, sums[2, u] / total
-        terms[0, u] = sums[3, u] - sums[1, u] * p if here else 0.0
-        terms[1, u] = sums[4, u] - sums[1, u] * value if here else 0.0
-        terms[2, u] = max(sums[5, u] - sums[2, u] * value, 0.0) if here else 0.0
-        terms[3, u] = sums[6, u] - 1 if here else 0.0
+        terms[0, u] = sums[3, u] - sums[1, u] * p if here else zero
+        terms[1, u] = sums[4, u] - sums[1, u] * value if here else zero
+        terms[2, u] = max(sums[5, u] - sums[2, u] * value, zero) if here else zero
+        terms[3, u] = sums[6, u] - one if here else zero
+
+
+@kernel(apart=True)
+def _correct(total: Samples, changes: Samples, costs: Samples) -> None:
+    """Change of disparity by sums of terms over windows along a row, and chi-square per degree of freedom it leaves."""
+    one, two, furthest = float32(1), float32(2), float32(_FURTHEST)
+    for u in range(total.shape[1]):
+        near, pull, square, freedom = total[0, u], total[1, u], total[2, u], total[3, u]
+        change = min(max(-pull / max(near, one), -furthest), furthest)
+        left = (square + (two * pull + near * change) * change) / max(freedom, one)
+        changes[u], costs[u] = change, left if freedom > one else float32(math.inf)
+
+
+@kernel(apart=True)
+def _choose(
+    change: Samples, cost: Samples, begun: Samples, before: Samples, terms: Samples, least: Samples, best: Samples
+) -> None:
+    """Take what windows aside change along a row where that leaves less than so far."""
+    two, half, same = float32(2), float32(0.5), float32(SETTLED)
+    for u in range(least.size):
+        own = terms[2, u] + (two * terms[1, u] + terms[0, u] * change[u]) * change[u]
+        left, settled = max(cost[u], own / max(terms[3, u], half)), begun[u] + change[u]
+        better = (terms[3, u] > half) & (left < least[u]) & (not (abs(settled - before[u]) <= same))
+        least[u], best[u] = left if better else least[u], settled if better else best[u]
 
 
 @kernel(parallel=True)
 def _settle(
-    each: Array, pupil: Array, indices: Array, quarters: Flags, picture: Array, begun: Array,
+    each: Samples, pupil: Samples, indices: NDArray[np.int64], quarters: Flags, picture: Array, begun: Array,
     steps: tuple[float, float], reach: int, before: Array, least: Array, chosen: Array,
 ) -> None:  # fmt: skip
     """As `_Settled.settle`; slopes of what a quarter shows are differences of neighbours."""
     rows, columns = begun.shape
+    zero, one = float32(0), float32(1)
     for tile in prange((rows + _TILE - 1) // _TILE):
         top, bottom = tile * _TILE, min(tile * _TILE + _TILE, rows)
         first, last = max(top - reach, 0), min(bottom + reach, rows)
         low, high = max(first - reach, 0), min(last + reach, rows)
-        known = ~np.isnan(begun[low:high])
+        start, stop = max(low - 1, 0), min(high + 1, rows)
+        known = ~np.isnan(begun[start:stop])
         if not known.any():
             continue
-        start, stop = max(low - 1, 0), min(high + 1, rows)
-        seen, x, y = np.zeros((stop - start, columns)), np.zeros(columns), np.zeros(columns)
-        terms, down = np.zeros((high - low, 4, columns)), np.zeros((4, columns + 2 * reach))
-        windows, total, sums = np.zeros((last - first, 2, columns)), np.zeros((4, columns)), np.zeros((7, columns))
+        expected, seen = np.zeros((2, stop - start, columns), float32)
+        terms, down = np.zeros((high - low, 4, columns), float32), np.zeros((4, columns + 2 * reach), float32)
+        windows = np.full((2, last - first, columns + 2 * reach), float32(math.inf))
+        total, sums, x, y = _rows(4, columns), _rows(7, columns), _rows(1, columns)[0], _rows(1, columns)[0]
+        here, tried, smallest, best = _rows(4, columns)
+        for v in range(start, stop):
+            for u in range(columns):
+                expected[v - start, u] = picture[v, u]
         for q in range(quarters.shape[0]):
             if not quarters[q].any():
                 continue
             for v in range(start, stop):
-                total[:2] = 0.0
+                total[:2] = zero
                 for n in range(indices.size):
                     if quarters[q, n]:
-                        _add_light(each[n, 0, v], each[n, 1, v], picture[v], total[0], total[1])
+                        _add_light(each[n, 0, v], each[n, 1, v], expected[v - start], total[0], total[1])
                 for u in range(columns):
-                    shown = total[0, u] > 0 and not math.isnan(begun[v, u])
-                    seen[v - start, u] = picture[v, u] + (total[1, u] / total[0, u] if shown else 0.0)
+                    lit = known[v - start, u] and total[0, u] > zero
+                    seen[v - start, u] = expected[v - start, u] + (total[1, u] / total[0, u] if lit else zero)
             for v in range(low, high):
-                above, below = max(v - 1, 0), min(v + 1, rows - 1)
+                above, below = seen[max(v - 1, 0) - start], seen[min(v + 1, rows - 1) - start]
+                row, tall = seen[v - start], one / float32((2 if 0 < v < rows - 1 else 1) * steps[1])
+                wide = one / float32(2 * steps[0])
+                for u in range(1, columns - 1):
+                    x[u] = (row[u + 1] - row[u - 1]) * wide
+                x[0], x[columns - 1] = 2 * (row[1] - row[0]) * wide, 2 * (row[columns - 1] - row[columns - 2]) * wide
                 for u in range(columns):
-                    left, right = max(u - 1, 0), min(u + 1, columns - 1)
-                    x[u] = (seen[v - start, right] - seen[v - start, left]) / ((right - left) * steps[0])
-                    y[u] = (seen[below - start, u] - seen[above - start, u]) / ((below - above) * steps[1])
-                sums[:] = 0.0
+                    y[u] = (below[u] - above[u]) * tall
+                sums[:] = zero
                 for n in range(indices.size):
                     if quarters[q, n]:
                         k = indices[n]
                         _add_pulls(
-                            each[n, 0, v], each[n, 1, v], picture[v], x, y, pupil[0, k, v], pupil[1, k, v], sums,
+                            each[n, 0, v], each[n, 1, v], expected[v - start], x, y, pupil[0, k, v], pupil[1, k, v],
+                            sums,
                         )  # fmt: skip
-                _about_mean(sums, known[v - low], terms[v - low])
+                _about_mean(sums, known[v - start], terms[v - low])
             for v in range(first, last):
-                down[:], total[:] = 0.0, 0.0
+                down[:], total[:] = zero, zero
                 for k in range(4):
                     for b in range(max(v - reach, 0), min(v + reach + 1, rows)):
-                        add(terms[b - low, k], 1.0, down[k, reach : reach + columns])
+                        add(terms[b - low, k], one, down[k, reach : reach + columns])
                     for a in range(2 * reach + 1):
-                        add(down[k, a:], 1.0, total[k])
-                changes, costs = windows[v - first]
-                for u in range(columns):
-                    near, pull, square, freedom = total[0, u], total[1, u], total[2, u], total[3, u]
-                    change = min(max(-pull / max(near, 1.0), -_FURTHEST), _FURTHEST)
-                    changes[u], costs[u] = change, math.inf
-                    if freedom > 1:
-                        costs[u] = (square + (2 * pull + near * change) * change) / freedom
+                        add(down[k, a:], one, total[k])
+                changes, costs = windows[0, v - first], windows[1, v - first]
+                _correct(total, changes[reach : reach + columns], costs[reach : reach + columns])
             for v in range(top, bottom):
-                raw, moment, squares, free = terms[v - low]
                 for u in range(columns):
-                    if not free[u] > 0:
-                        continue
-                    for b in range(max(v - reach, 0), min(v + reach + 1, rows), reach):
-                        for a in range(max(u - reach, 0), min(u + reach + 1, columns), reach):
-                            change, cost = windows[b - first, 0, a], windows[b - first, 1, a]
-                            settled = begun[v, u] + change
-                            if cost >= least[v, u] or abs(settled - before[q, v, u]) <= SETTLED:
-                                continue
-                            own = squares[u] + (2 * moment[u] + raw[u] * change) * change
-                            cost = max(cost, own / free[u])
-                            if cost < least[v, u]:
-                                least[v, u] = cost
-                                for k in range(chosen.shape[0]):
-                                    chosen[k, v, u] = settled if k == q else math.nan
+                    here[u], tried[u], smallest[u] = begun[v, u], before[q, v, u], least[v, u]
+                    best[u] = math.nan
+                for b in range(v - reach, v + reach + 1, reach):
+                    for a in range(0, 2 * reach + 1, reach):
+                        if 0 <= b < rows:
+                            aside = slice(a, a + columns)
+                            _choose(
+                                windows[0, b - first, aside], windows[1, b - first, aside], here, tried, terms[v - low],
+                                smallest, best,
+                            )  # fmt: skip
+                for u in range(columns):
+                    if not math.isnan(best[u]):
+                        least[v, u] = smallest[u]
+                        for k in range(chosen.shape[0]):
+                            chosen[k, v, u] = best[u] if k == q else math.nan
 
 
 def past_edges(
