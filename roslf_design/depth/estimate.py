@@ -410,7 +410,7 @@ def _with_edges(judged: DisparityMap, wanted: Flags, look: SharedLight, start: S
     found, wrong = past_edges(
         look, wanted, quarters, judged.disparity,
         lambda some, near: _searched(
-            every if each else replace(every, views=views.some(some)), least, most, SIZES[0], coarse, near,
+            every if each else replace(every, views=views.some(some & few)), least, most, SIZES[0], coarse, near,
             groups.some(some[few]) if each and groups is not None else None,
         ).disparity,
         partial(every.look, rough=rough), partial(every.few, rough=rough), limits,
@@ -464,7 +464,7 @@ class _AllViews:
 
     def few(self, indices: NDArray[np.int64], disparity: Array, picture: Array, rough: Pictures) -> FewViews:
         """Few views along a disparity, each by itself; else as `look`."""
-        each = np.empty((len(indices), 2, *self.views.shape), np.float32)
+        each = np.zeros((len(indices), 2, *self.views.shape), np.float32)
         self._sum(indices, disparity, picture, rough, True, np.empty((0, *self.views.shape), np.float32), indices, each)
         return FewViews(each, self.views.pupil, indices, picture, disparity, self.views.steps)
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from .._jit import THREADS, kernel, prange
-from .warping import add
+from .warping import add, clear
 from .windows import CHI2, FREE, QUORUM, SPARE, STRAIN, TERMS, UNDER, SharedLight, carried, fit_window, row_terms
 
 Array = NDArray[np.float64]
@@ -142,7 +142,8 @@ def _take_best(
                     some |= wide[most + a : most + a + columns]
                 if not some.any():
                     continue
-                down[:], near[:] = 0.0, 0.0
+                clear(down.reshape(-1))
+                clear(near.reshape(-1))
                 for k in range(TERMS):
                     for b in range(max(v - reach, 0), min(v + reach + 1, rows)):
                         add(terms[b - low, k], 1.0, down[k, reach : reach + columns])
@@ -264,7 +265,7 @@ class FewViews(NamedTuple):
     """Few views along a disparity, each by itself."""
 
     each: Samples
-    """What each shows, and its weight, shape (view, 2, v, u); anything where the disparity is no number."""
+    """What each shows, and its weight, shape (view, 2, v, u)."""
     pupil: Samples
     """Of all views, shape (2, view, v, u)."""
     indices: NDArray[np.int64]
@@ -292,23 +293,28 @@ def _add_light(shown: Samples, weight: Samples, expected: Samples, total: Sample
 @kernel(apart=True)
 def _add_pulls(
     shown: Samples, weight: Samples, expected: Samples, x: Samples, y: Samples, along: Samples, over: Samples,
-    sums: Samples,
+    pull: Samples, value: Samples, sums: Samples,
 ) -> None:  # fmt: skip
     """Add moments of a view's pull, which slopes (x, y) of the picture lend it, and of its value to sums, along a row.
 
     Sums of weights, with pull and value, with their squares and product, and the count: shape (7, u).
     """
     one, zero = float32(1), float32(0)
-    whole, pulls, values, squares, both, residual, count = sums
     for u in range(weight.size):
-        w, p, value = weight[u], x[u] * along[u] + y[u] * over[u], shown[u] - expected[u]
-        whole[u] += w
-        pulls[u] += w * p
-        values[u] += w * value
-        squares[u] += w * p * p
-        both[u] += w * p * value
-        residual[u] += w * value * value
-        count[u] += one if w > zero else zero
+        pull[u] = x[u] * along[u] + y[u] * over[u]
+        value[u] = shown[u] - expected[u]
+    whole, pulls, values, count = sums[0], sums[1], sums[2], sums[6]
+    for u in range(weight.size):
+        whole[u] += weight[u]
+        pulls[u] += weight[u] * pull[u]
+        values[u] += weight[u] * value[u]
+        count[u] += one if weight[u] > zero else zero
+    squares, both, residual = sums[3], sums[4], sums[5]
+    for u in range(weight.size):
+        w = weight[u] * pull[u]
+        squares[u] += w * pull[u]
+        both[u] += w * value[u]
+        residual[u] += weight[u] * value[u] * value[u]
 
 
 @kernel(apart=True)
@@ -344,7 +350,7 @@ def _choose(
     for u in range(least.size):
         own = terms[2, u] + (two * terms[1, u] + terms[0, u] * change[u]) * change[u]
         left, settled = max(cost[u], own / max(terms[3, u], half)), begun[u] + change[u]
-        better = (terms[3, u] > half) & (left < least[u]) & (not (abs(settled - before[u]) <= same))
+        better = (terms[3, u] > half) & (left < least[u]) & (abs(settled - before[u]) > same)
         least[u], best[u] = left if better else least[u], settled if better else best[u]
 
 
@@ -355,7 +361,7 @@ def _settle(
 ) -> None:  # fmt: skip
     """As `_Settled.settle`; slopes of what a quarter shows are differences of neighbours."""
     rows, columns = begun.shape
-    zero, one = float32(0), float32(1)
+    zero, one, still = float32(0), float32(1), pupil.strides[2] == 0 and pupil.strides[3] == 0
     for tile in prange((rows + _TILE - 1) // _TILE):
         top, bottom = tile * _TILE, min(tile * _TILE + _TILE, rows)
         first, last = max(top - reach, 0), min(bottom + reach, rows)
@@ -369,6 +375,7 @@ def _settle(
         windows = np.full((2, last - first, columns + 2 * reach), float32(math.inf))
         total, sums, x, y = _rows(4, columns), _rows(7, columns), _rows(1, columns)[0], _rows(1, columns)[0]
         here, tried, smallest, best = _rows(4, columns)
+        along, over, pull, value = _rows(4, columns)
         for v in range(start, stop):
             for u in range(columns):
                 expected[v - start, u] = picture[v, u]
@@ -376,7 +383,8 @@ def _settle(
             if not quarters[q].any():
                 continue
             for v in range(start, stop):
-                total[:2] = zero
+                clear(total[0])
+                clear(total[1])
                 for n in range(indices.size):
                     if quarters[q, n]:
                         _add_light(each[n, 0, v], each[n, 1, v], expected[v - start], total[0], total[1])
@@ -392,17 +400,22 @@ def _settle(
                 x[0], x[columns - 1] = 2 * (row[1] - row[0]) * wide, 2 * (row[columns - 1] - row[columns - 2]) * wide
                 for u in range(columns):
                     y[u] = (below[u] - above[u]) * tall
-                sums[:] = zero
+                clear(sums.reshape(-1))
                 for n in range(indices.size):
                     if quarters[q, n]:
                         k = indices[n]
+                        x_at, y_at = pupil[0, k, 0, 0], pupil[1, k, 0, 0]
+                        for u in range(columns):
+                            along[u], over[u] = x_at, y_at
+                        for u in range(0 if still else columns):
+                            along[u], over[u] = pupil[0, k, v, u], pupil[1, k, v, u]
                         _add_pulls(
-                            each[n, 0, v], each[n, 1, v], expected[v - start], x, y, pupil[0, k, v], pupil[1, k, v],
-                            sums,
+                            each[n, 0, v], each[n, 1, v], expected[v - start], x, y, along, over, pull, value, sums
                         )  # fmt: skip
                 _about_mean(sums, known[v - start], terms[v - low])
             for v in range(first, last):
-                down[:], total[:] = zero, zero
+                clear(down.reshape(-1))
+                clear(total.reshape(-1))
                 for k in range(4):
                     for b in range(max(v - reach, 0), min(v + reach + 1, rows)):
                         add(terms[b - low, k], one, down[k, reach : reach + columns])
@@ -412,7 +425,8 @@ def _settle(
                 _correct(total, changes[reach : reach + columns], costs[reach : reach + columns])
             for v in range(top, bottom):
                 for u in range(columns):
-                    here[u], tried[u], smallest[u] = begun[v, u], before[q, v, u], least[v, u]
+                    here[u], smallest[u] = begun[v, u], least[v, u]
+                    tried[u] = math.inf if math.isnan(before[q, v, u]) else before[q, v, u]
                     best[u] = math.nan
                 for b in range(v - reach, v + reach + 1, reach):
                     for a in range(0, 2 * reach + 1, reach):
@@ -458,7 +472,7 @@ def past_edges(
         wide = ndimage.binary_opening(wanted, np.ones((SIZES[0], SIZES[0]), np.bool_)) & last
         about = ndimage.binary_dilation(wide, iterations=4)
         for number, quarter in enumerate(quarters if wide.any() else ()):
-            along = np.where(about, search(np.isin(np.arange(len(quarter.views)), quarter.few), about), np.nan)
+            along = np.where(about, search(quarter.views, about), np.nan)
             alone = [np.full(len(quarter.few), k == number) for k in range(len(quarters))]
             settled.settle(few(quarter.few, along, first.picture), alone, SIZES[0], tried)
         found.take(look(_parts(quarters, settled), first.picture), wanted, limits)

@@ -249,23 +249,31 @@ def add(values: NDArray[np.floating], times: float | float32, to: NDArray[np.flo
 
 
 @kernel()
+def clear(to: NDArray[np.floating]) -> None:
+    """Make a row 0, as `add` by a kernel of its own: what assigns to slices is no vector."""
+    for u in range(to.size):
+        to[u] = 0.0
+
+
+@kernel()
 def window_sums(values: NDArray[np.floating], window: int, out: NDArray[np.floating]) -> None:
     """Sums over the window about each place of pictures, as far as it lies in them; shape (picture, v, u)."""
     count, rows, columns = values.shape
     reach, down, total = window // 2, np.zeros(columns + window), np.zeros(columns)
     inner = down[reach : reach + columns]
     for k in range(count):
-        inner[:] = 0.0
+        clear(inner)
         for v in range(-reach, rows):
             if v + reach < rows:
                 add(values[k, v + reach], 1.0, inner)
             if v > reach:
                 add(values[k, v - reach - 1], -1.0, inner)
             if v >= 0:
-                total[:] = 0.0
+                clear(total)
                 for a in range(window):
                     add(down[a:], 1.0, total)
-                out[k, v] = total
+                for u in range(columns):
+                    out[k, v, u] = total[u]
 
 
 @kernel()
