@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -47,6 +47,9 @@ show of its neighbour. Times as many rays where they leave gaps, or stops cut th
 times as much there, of the cameras of the proof."""
 SPREADING = 1.9
 """Times fewer, at most, where diffraction spreads each one's light over several pixels."""
+ALL_SPREAD, FEWER = 6.0, 2.0
+"""Pixels it spreads light over from which it averages whole blocks of rays spread together, and times fewer still: 4
+rays of a grin-needle's pixel scatter half as much against its noise as 32 of a rigid scope's."""
 TOGETHER = 8
 """Subpixels along the side of blocks whose rays are spread evenly together."""
 FEWER_SAMPLES = 2.0
@@ -104,6 +107,7 @@ def rays_for(camera: Camera, region: Region | None = None) -> int:
     touching = TOUCHING * abs(float(microlens_image_pitch(camera)))
     wanted *= GAPS if width * pixels * math.sqrt(kept) < touching else 1.0
     some = float(np.clip(RAYS * wanted / np.clip(blur, 1.0, SPREADING), LEAST_RAYS, MOST_RAYS))
+    some /= FEWER if blur > ALL_SPREAD else 1.0
     return 1 << (math.ceil(some) - 1).bit_length()
 
 
@@ -247,14 +251,22 @@ def _stretched(design: Design) -> float:
 def _beside(design: Design, scene: Scene | None, region: Region) -> float:
     """Microlenses beside a region that are measured as well: `BESIDE`, and as many as views look past it."""
     geometry = ArrayGeometry(design)
-    camera, beside = geometry.camera, float(BESIDE)
-    places = _looked_at(camera, region)
-    if geometry.traced is not None:
-        beside += float(np.linalg.norm(geometry.traced.bends(places)[1], 2, (1, 2)).max()) / 2
+    camera, beside = geometry.camera, BESIDE + _aside(design, region) / 2
     if scene is not None:
+        places = _looked_at(camera, region)
         met = seen_distances(scene, camera, chief_rays(camera, geometry.traced, places))
         beside += float(np.abs(disparity_of(camera, met[np.isfinite(met)])).max(initial=0.0)) / 2
     return beside
+
+
+@lru_cache(maxsize=4)
+def _aside(design: Design, region: Region) -> float:
+    """Microlenses that views of a focal plane look aside, at most, as lens and elements make them."""
+    geometry = ArrayGeometry(design)
+    if geometry.traced is None:
+        return 0.0
+    _, aside = geometry.traced.bends(_looked_at(geometry.camera, region))
+    return float(np.linalg.norm(aside, 2, (1, 2)).max())
 
 
 def _default_region(design: Design) -> Region:

@@ -279,14 +279,15 @@ class LensCamera:
         return describe(state, self.place_name)
 
     def aimed(
-        self, pupil: Array, point: Array, wavelength: float, *, clip: bool = False
+        self, pupil: Array, point: Array, wavelength: float, *, clip: bool = False, start: Array | None = None
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Slopes at points on the FAP, (3, ...), of the light from points of the scene, (3, ...), and whether it comes.
 
-        Slopes (2, ...) are those of the medium that the FAP stands in.
+        Slopes (2, ...) are those of the medium that the FAP stands in, looked for from `start`, near them, on.
         """
         ends = np.moveaxis(np.concatenate([pupil, point]), 0, -1)
-        slopes, far, tallest = beyond_fap(self.train(wavelength), ends.reshape(1, -1, 6))
+        first = 0.0 if start is None else np.moveaxis(start, 0, -1).reshape(1, -1, 2)
+        slopes, far, tallest = beyond_fap(self.train(wavelength), ends.reshape(1, -1, 6), first)
         comes = (far <= FOUND) & ((tallest <= 1) if clip else True)
         return np.moveaxis(slopes.reshape(*ends.shape[:-1], 2), -1, 0), comes.reshape(ends.shape[:-1])
 
