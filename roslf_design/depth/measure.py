@@ -44,8 +44,8 @@ from .windows import QUORUM
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-SEEN = 2.0
-"""Microlenses a period below which texture aliases."""
+SEEN, BLACK = 2.0, 0.01
+"""Microlenses a period below which texture aliases; share of it that may be black, cut off where no light is."""
 MARGIN = 0.5
 """Disparities searched beyond those of the scene [pitches]."""
 POINTS = 2000
@@ -308,6 +308,12 @@ class Trial(Measurement):
     texture: Design
     """The design with the texture that errors are predicted for, as `assumed`."""
 
+    @property
+    def black(self) -> float:
+        """Share of the scene's texture that is black with sharp edges, where that is much."""
+        texture = _texture_of(self.scene)
+        return texture.black if texture is not None and texture.black > BLACK else 0.0
+
     def assumes(self) -> dict[str, Any]:
         """Light, texture and matching that the prediction is for, as `evaluate` tells them."""
         design, window = self.raw.design, self.first.disparities.window
@@ -406,7 +412,10 @@ def measure(
 def _aliased(
     camera: Camera, traced: TracedViews | None, field: LightField, texture: Noise | None, true: Array
 ) -> float:
-    """Share of a field in which a texture's finest detail has fewer than `SEEN` microlenses a period."""
+    """Share of a field in which a texture's finest detail has fewer than `SEEN` microlenses a period.
+
+    Edges of what is black are detail half as fine.
+    """
     if texture is None or min(true.shape) < 2:
         return 0.0
     x, y, along, down = chief_rays(camera, traced, places_on_array(camera, field).reshape(-1, 2)).T.reshape(
@@ -415,7 +424,8 @@ def _aliased(
     points = np.stack([x - along * true, y - down * true, true])
     apart = np.linalg.norm(np.gradient(points, field.v, field.u, axis=(1, 2)), axis=1).max(0)
     known = np.isfinite(apart)
-    return float((apart[known] * SEEN > texture.finest * 1.001).mean()) if known.any() else 0.0
+    finest = texture.finest * 1.001 / (2 if texture.black > BLACK else 1)
+    return float((apart[known] * SEEN > finest).mean()) if known.any() else 0.0
 
 
 def simulate(

@@ -138,7 +138,7 @@ class Noise(_Told):
     finest: Annotated[Length, Field(examples=["0.5 mm"])]
     """Period of its finest detail [mm]."""
     contrast: Annotated[float, Field(ge=0, le=MOST_CONTRAST)] = 0.1
-    """Rms contrast in each octave: more would need radiances below zero."""
+    """Rms contrast in each octave. No radiance is below zero: of 0.2 each 2 % is black, of 0.3 9 %, with sharp edges."""
     mean: Level = 0.5
     """Radiance."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
@@ -148,6 +148,11 @@ class Noise(_Told):
     def width(self) -> float:
         """After which it repeats itself [mm]."""
         return self.finest * _TILE / _PER_PERIOD
+
+    @property
+    def black(self) -> float:
+        """Share that is black, as no radiance is below zero."""
+        return 0.5 * math.erfc(1 / max(self.contrast * math.sqrt(2 * OCTAVES), 1e-9))
 
     def load(self) -> NDArray[np.float32]:
         """Radiances of one tile, shape (rows, columns)."""

@@ -467,9 +467,17 @@ def bounds(attained: Mapping[str, Mapping[str, float]]) -> Table:
     return Table(tuple(lines), "lrr", heads, "What any estimator can attain", note)
 
 
+def _why(results: Mapping[str, Any], name: str) -> str:
+    """Why most microlenses of a camera have no depth."""
+    shares = Counter[str]()
+    for one in of_camera(results, name).values():
+        shares.update(one["unknown"])
+    return max(shares, key=shares.__getitem__)
+
+
 def _answers(results: Mapping[str, Any], rows: Rows) -> Iterator[Statement]:
     told = [(name, one) for name, _, one in rows if one is not None]
-    dark = ", ".join(name for name, _, one in rows if one is None)
+    dark = {name: _why(results, name) for name, _, one in rows if one is None}
     surely = [(name, one) for name, one in told if one.missed(CHANCE)]
     holds = sum(not one.missed() for _, one in told)
     whole = not surely and len(told) == len(cameras())
@@ -477,7 +485,7 @@ def _answers(results: Mapping[str, Any], rows: Rows) -> Iterator[Statement]:
         "good" if whole else "caution",
         f"Does depth hold for strangers? {holds} of {len(rows)} cameras hold every bar, "
         f"{len(told) - len(surely) - holds} more miss one by no more than {CHANCE:g} standard errors, "
-        f"{len(surely)} miss{f'; of {dark} no depth is known' if dark else ''}.",
+        f"{len(surely)} miss{''.join(f'; of {name} no depth is known ({why})' for name, why in dark.items())}.",
         "; ".join(f"{name}: {', '.join(one.missed(CHANCE))} (worst: {one.worst})" for name, one in surely),
     )
     for name, bar in BARS.items():

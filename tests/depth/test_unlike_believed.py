@@ -266,12 +266,14 @@ def test_texture_too_fine_is_called_aliasing(monkeypatch):
     step = float(roslf.quantity("object_sample_mm")(Camera.of(design)))
     fewer_rays(monkeypatch)
     at_first_sight(monkeypatch)
-    for periods, share in ((1.8, 1.0), (2.2, 0.0)):
-        texture = {"kind": "noise", "finest": periods * step, "contrast": 0.2, "seed": 1}
+    # Of 0.3 in each octave a twelfth is black: its edges are twice as fine.
+    for periods, contrast, share in ((1.8, 0.15, 1.0), (2.2, 0.15, 0.0), (3.6, 0.3, 1.0), (4.4, 0.3, 0.0)):
+        texture = {"kind": "noise", "finest": periods * step, "contrast": contrast, "seed": 1}
         scene = make_scene({"objects": [{"kind": "plane", "distance": design.d_f, "texture": texture}]})
         trial = simulate(design, scene, part)
         assert trial.aliased == share
         assert any("aliases" in line.text for line in statements(trial)) == (share > 0)
+        assert any("black" in line.text for line in statements(trial)) == (share > 0 and contrast > 0.2)
 
 
 def told(place):

@@ -8,6 +8,7 @@ from roslf_design.errors import InputError
 from roslf_design.imaging.surfaces import encode, met
 from roslf_design.scenes import (
     Checkerboard,
+    Noise,
     PictureTexture,
     Plane,
     Points,
@@ -198,6 +199,12 @@ def test_depths_of_a_tilted_plane_bound_what_the_chief_rays_meet():
     distances = -(start[2] + t * along[2])
     assert nearest <= distances.min() <= distances.max() <= farthest
     assert farthest < 1.2 * distances.max()
+
+
+@pytest.mark.parametrize("contrast", [0.1, 0.2, 0.3])
+def test_share_of_a_texture_that_is_black(contrast):
+    noise = Noise(finest=1.0, contrast=contrast, seed=3)
+    assert noise.black == pytest.approx((noise.load() == 0).mean(), abs=1e-3)
 
 
 def test_values_that_make_no_scene_are_told_in_one_line_each_however_they_are_given():

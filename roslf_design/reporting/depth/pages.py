@@ -132,7 +132,11 @@ def statements(trial: Trial) -> Iterator[Statement]:
     yield known(trial, summary)
     if trial.aliased > 0:
         text = f"Is the texture seen? In {_percent(trial.aliased)} of the field it aliases: finer than two microlenses."
-        yield Statement("caution", text, "Depth scatters more there than predicted: look at a flatter or nearer part.")
+        remedy = "Depth scatters more there than predicted: look at a flatter or nearer part."
+        if trial.black:
+            text += f" So much contrast leaves {_percent(trial.black)} of it black, with edges finer than its detail."
+            remedy = "Views disagree there, and depth scatters more: give it a contrast of 0.15, or coarser detail."
+        yield Statement("caution", text, remedy)
     if summary.bias_mm is None or summary.spread_mm is None or summary.told_mm is None or summary.inside_68 is None:
         yield Statement("bad", "How good is it? Nothing to compare: no microlens has both a depth and a truth.")
         return
