@@ -512,6 +512,7 @@ def test_depth_is_drawn_over_the_working_range_and_all_that_is_required():
     keys = [key.text for key in picture.keys]
     assert any(text.startswith("u_Z, depth, expected") and "with lengths as built" in text for text in keys)
     assert "required: u_Z at most 0.9 mm at 3 mm, met" in keys
+    assert "required: u_Z at most 0.9 mm at 3 mm, met as drawn" in [key.text for key in depth_precision(scope).keys]
     assert "required: u_Z at most 0.01 mm at 60 mm, missed" in keys
     assert "required at 90 mm" in keys
     signs = [mark for mark in picture.marks if mark.testid == "required"]

@@ -85,10 +85,13 @@ class KnownLengths:
         return depth_budget(camera, at, build=self.build, calibration=self.calibration)
 
 
+AS_DRAWN = "lengths as drawn"
+
+
 def counted_lengths(budget: DepthBudget) -> str:
     """Lengths that depth, expected, counts, in words."""
     lengths = [term.name for term in budget.terms if term.name in (BUILT, CALIBRATED) and term.u_mm is not None]
-    return f"with {listed(lengths)}" if lengths else "lengths as drawn"
+    return f"with {listed(lengths)}" if lengths else AS_DRAWN
 
 
 DRAWN = KnownLengths()
@@ -225,7 +228,9 @@ def _asked_of_depth(design: Design, curve: _DepthCurve) -> tuple[list[Mark], lis
         met = bool(quantity.within(None, most, value))
         look = ("green" if met else "vermillion", "v")
         signs.append(Dots([at], [most], *look, size=5, edge="ground", width=1, testid="required"))
-        words = f"required: {symbol} at most {short(most)} mm at {short(at)} mm, {'met' if met else 'missed'}"
+        drawn_alone = met and quantity.name == "u_z_mm" and curve.counts == AS_DRAWN
+        outcome = f"met{' as drawn' * drawn_alone}" if met else "missed"
+        words = f"required: {symbol} at most {short(most)} mm at {short(at)} mm, {outcome}"
         keys.append(dot_key(words, *look))
         others.pop(at, None)
     if others:
