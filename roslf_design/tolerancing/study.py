@@ -387,10 +387,11 @@ class TolerancePlan:
 
     @cached_property
     def stages(self) -> tuple[TolerancePlan, ...]:
-        """Plans of some limits each, which builds pass one after the other; what takes longest comes last."""
-        if self.adjusters:
-            return (self.limited,)
-        numeric = [self.columns[limit.column].quantity.numeric for limit in self.limits]
+        """Plans of some limits each, which builds pass one after the other; what takes longest comes last.
+
+        Adjusted builds have one, as all limits tell where they are adjusted to.
+        """
+        numeric = [self.columns[limit.column].quantity.numeric and not self.adjusters for limit in self.limits]
         parts = (tuple(compress(self.limits, np.equal(numeric, last))) for last in (False, True))
         return tuple(map(self._of_limits, filter(None, parts)))
 
