@@ -177,7 +177,6 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
     pressed = {row.constraint for row, over in zip(sided.rows, rows, strict=True) if over > -PRESSED} - {-1}
     within = every if pool.possible(frozenset(pressed)) else pressed
     smallest, complete = _smallest(pool, sorted(within))
-    there = pool.best(smallest)
     relaxations = [pool.alone(index) for index in sorted(smallest)]
     over = [row for row, by in zip(sided.rows, rows, strict=True) if by > FEASIBLE]
     limits = sorted({row.constraint for row in over} - {-1})
@@ -190,6 +189,8 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
         if one.limit not in labels
     }
     ways = dict(zip(sorted(smallest), relaxations, strict=True)) | others
+    reached = {index: pool.alone_best(index) for index in ways}
+    there = pool.best(smallest)  # of all points met, also while looking for those
     return Conflict(
         unit=unit,
         violation=violation,
@@ -197,7 +198,7 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
         clashing=tuple(_Violation.of(problem, sided.constraints[index], there) for index in sorted(smallest)),
         complete=complete,
         relaxations=tuple(
-            replace(way, reached=problem.number(sided.constraints[index], pool.alone_best(index)))
+            replace(way, reached=problem.number(sided.constraints[index], reached[index]))
             for index, way in ways.items()
         ),
         bounds=tuple(

@@ -193,7 +193,8 @@ class StudyTable(StrictTable):
                 if limit.field is not None:
                     continue
                 values = np.broadcast_to(limit.values(cameras), len(units))[np.broadcast_to(cameras.valid, len(units))]
-                fixed = values.size > 1 and np.ptp(values) <= FEASIBLE * abs(values[0])
+                # One that is infinite somewhere is not the same all over.
+                fixed = values.size > 1 and np.isfinite(values).all() and np.ptp(values) <= FEASIBLE * abs(values[0])
                 if not fixed or limit.quantity.within(limit.min, limit.max, values[0]):
                     continue
                 symbol = limit.quantity.name

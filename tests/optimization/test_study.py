@@ -17,7 +17,7 @@ from roslf_design.catalogue import load_catalogue, rows
 from roslf_design.cli import main
 from roslf_design.design import save
 from roslf_design.optimization.conflict import Conflict, _Violation
-from roslf_design.optimization.study import read_study
+from roslf_design.optimization.study import load_study, read_study
 from roslf_design.optimization.study import run as run_study
 from roslf_design.reporting.blocks import Statements, Table
 from roslf_design.reporting.optimise.pages import _before, optimization_report, statements
@@ -153,6 +153,23 @@ def test_a_limit_that_nothing_varies_is_refused_before_any_search(capsys, tmp_pa
     )
     assert "nothing that varies (" in first
     assert not (tmp_path / "out").exists()
+
+
+WIDE = """name = "wide"
+design = "rigid-scope"
+microlens_in_focus = true
+variables = {D_F = ["0.2 mm", "1.2 mm"]}
+constraints = [{quantity = "u_z_mm", max = "0.02 mm"}, {quantity = "fill_factor", max = 1.0}]
+goals = [{quantity = "light_sr", direction = "max"}]
+"""
+
+
+def test_a_limit_on_what_is_infinite_somewhere_is_searched_for(tmp_path):
+    """Where images overlap no depth is known; with depth elsewhere that was taken for a value that nothing varies."""
+    (tmp_path / "wide.toml").write_text(WIDE)
+    problem = load_study(tmp_path / "wide.toml").problem
+    ends = problem.constraints[0].values(problem.cameras(np.array([[0.0], [1.0]])))
+    assert np.isfinite(ends).tolist() == [True, False]
 
 
 def test_a_conflict_names_nothing_as_missed_that_is_held():
