@@ -4,6 +4,13 @@
 >>> design = roslf.load("paper")
 >>> result = roslf.evaluate(design)
 
+- Designs: `load`, `loads`, `save`, `dumps`, `preset_names`, `Design.replace`.
+- What one sees: `evaluate`, `specification`; of many: `evaluate_many`, `sweep`, `Camera` with `quantity`.
+- Studies: `optimize`, `tolerance`. Pictures: `render` of a `Scene`, `decode`, `measure_depth`, `capture_depth`.
+- The built camera: `calibrate`, `bench_check`, `bench_report`. To hand on: `report`, `render_html`, `render_pdf`.
+
+What is wrong with an input is an `InputError`, of a design a `DesignError`; both are `ValueError`.
+
 Names below are imported when first used (SPEC 1), so that `import roslf_design` costs nothing.
 """
 
