@@ -402,7 +402,7 @@ def _with_edges(judged: DisparityMap, wanted: Flags, look: SharedLight, start: S
     # The middle view shows what the microlens sees: without it a quarter agrees on what lies behind an edge beside.
     left, above = ((side <= 1e-6, side >= -1e-6) for side in views.pupil.mean(axis=(2, 3)))
     few = views.sparse if len(views.grid) >= _MANY else np.ones(len(views.grid), np.bool_)
-    quarters = [Quarter(part, views.corners(part & few)) for a in left for b in above if (part := a & b).sum() > 2]
+    quarters = [Quarter.of(a & b, few, views.grid) for a in left for b in above if (a & b).sum() > 2]
     known = judged.disparity[judged.measured]
     least, most = (max(low, known.min() - 1), min(high, known.max() + 1)) if known.size else (low, high)
     coarse, rough = min(views.shape) >= MANY_PIXELS, roughness(look.picture)
@@ -621,12 +621,6 @@ class _Views:
     def sparse(self) -> Flags:
         """True of every other one along both axes, which are a quarter of all."""
         return np.asarray((self.grid % 2 == 0).all(axis=1))
-
-    def corners(self, some: Flags) -> NDArray[np.int64]:
-        """Indices of the outermost of some views, or of all of these where they have no corners."""
-        ends = [np.isin(at, (at[some].min(), at[some].max())) for at in self.grid.T]
-        four = np.flatnonzero(some & ends[0] & ends[1])
-        return four if len(four) > 2 else np.flatnonzero(some)
 
     @cached_property
     def splines(self) -> tuple[Pictures, Pictures]:

@@ -62,6 +62,11 @@ class Limits(NamedTuple):
     level: Array
     """Chi-square of windows that see one surface."""
 
+    @property
+    def lowest(self) -> Array:
+        """Least of it near each microlens."""
+        return np.asarray(ndimage.minimum_filter(self.level, SIZES[0]))
+
 
 class Quarter(NamedTuple):
     """Views of a quarter of the pupil."""
@@ -69,6 +74,14 @@ class Quarter(NamedTuple):
     views: Flags
     few: NDArray[np.int64]
     """Indices of those that tell whether the quarter agrees."""
+
+    @classmethod
+    def of(cls, views: Flags, some: Flags, grid: NDArray[np.int64]) -> Quarter:
+        """Quarter whose outermost ones among `some` are its few; all of these, where there are no corners."""
+        own = views & some
+        ends = [np.isin(at, (at[own].min(initial=at.max()), at[own].max(initial=at.min()))) for at in grid.T]
+        corners = np.flatnonzero(own & ends[0] & ends[1])
+        return cls(views, corners if len(corners) > 2 else np.flatnonzero(own))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +106,7 @@ class _Offered:
         with THREADS:
             _take_best.compiled(
                 look.sums, *slopes, look.disparity, look.steps, look.density, limits.level,
-                ndimage.minimum_filter(limits.level, SIZES[0]), alike, wanted, limits.largest_sigma,
+                limits.lowest, alike, wanted, limits.largest_sigma,
                 self.disparity, self.sigma, self.chi2, self.views, self.picture,
             )  # fmt: skip
 
@@ -246,34 +259,34 @@ class _Settled:
         """Nothing of so many quarters to begin with."""
         return cls(np.full(shape, 1e30), np.full((count, *shape), np.nan))
 
-    def settle(self, light: FewViews, quarters: Sequence[Flags], window: int, before: Array) -> None:
+
+class FewViews(NamedTuple):
+    """Few views along a disparity, each by itself."""
+
+    each: Samples
+    """Values and their weights, shape (view, 2, v, u)."""
+    pupil: Samples
+    """Pupil coordinates of all views, shape (2, view, v, u)."""
+    indices: NDArray[np.int64]
+    """Indices of the few."""
+    picture: Array
+    """Picture that they are expected to show."""
+    disparity: Array
+    steps: tuple[float, float]
+
+    def settle(self, quarters: Sequence[Flags], window: int, before: Array, settled: _Settled) -> None:
         """Correct disparities once over windows, each quarter's, and choose them where they leave less than so far.
 
-        They become those chosen of one of the `quarters` of the `light`, true for its views, unless they are what that
+        They become those `settled` of one of the `quarters`, true for its views among these, unless they are what that
         had `before`. What they leave is that of the microlens's own views and of the best window that holds it: beside
         a step that about it sees both surfaces, whichever of the two it is compared along, and the edge is the nearer
         one's.
         """
         with THREADS:
             _settle.compiled(
-                light.each, light.pupil, light.indices, np.array(quarters), light.picture, light.disparity, light.steps,
-                window // 2, before, self.least, self.chosen,
+                self.each, self.pupil, self.indices, np.array(quarters), self.picture, self.disparity, self.steps,
+                window // 2, before, settled.least, settled.chosen,
             )  # fmt: skip
-
-
-class FewViews(NamedTuple):
-    """Few views along a disparity, each by itself."""
-
-    each: Samples
-    """What each shows, and its weight, shape (view, 2, v, u)."""
-    pupil: Samples
-    """Of all views, shape (2, view, v, u)."""
-    indices: NDArray[np.int64]
-    """Indices of the few."""
-    picture: Array
-    """What they are expected to show."""
-    disparity: Array
-    steps: tuple[float, float]
 
 
 @kernel()
@@ -330,6 +343,48 @@ def _about_mean(sums: Samples, known: Flags, terms: Samples) -> None:
         terms[3, u] = sums[6, u] - one if here else zero
 
 
+@kernel()
+def _quarter_terms(
+    each: Samples, pupil: Samples, indices: NDArray[np.int64], own: Flags, expected: Samples, known: Flags,
+    steps: tuple[float, float], start: int, low: int, terms: Samples,
+) -> None:  # fmt: skip
+    """As `_about_mean` of a quarter's `own` views, of the rows from `low`; what is `expected` begins at row `start`."""
+    count, columns = expected.shape
+    rows, still = each.shape[2], pupil.strides[2] == 0 and pupil.strides[3] == 0
+    zero, one = float32(0), float32(1)
+    total, sums, seen = _rows(2, columns), _rows(7, columns), _rows(count, columns)
+    x, y, along, over, pull, value = _rows(6, columns)
+    for v in range(start, start + count):
+        clear(total[0])
+        clear(total[1])
+        for n in range(indices.size):
+            if own[n]:
+                _add_light(each[n, 0, v], each[n, 1, v], expected[v - start], total[0], total[1])
+        for u in range(columns):
+            lit = known[v - start, u] and total[0, u] > zero
+            seen[v - start, u] = expected[v - start, u] + (total[1, u] / total[0, u] if lit else zero)
+    for v in range(low, low + len(terms)):
+        above, below = seen[max(v - 1, 0) - start], seen[min(v + 1, rows - 1) - start]
+        row, tall = seen[v - start], one / float32((2 if 0 < v < rows - 1 else 1) * steps[1])
+        wide = one / float32(2 * steps[0])
+        for u in range(1, columns - 1):
+            x[u] = (row[u + 1] - row[u - 1]) * wide
+        x[0], x[columns - 1] = 2 * (row[1] - row[0]) * wide, 2 * (row[columns - 1] - row[columns - 2]) * wide
+        for u in range(columns):
+            y[u] = (below[u] - above[u]) * tall
+        clear(sums.reshape(-1))
+        for n in range(indices.size):
+            if own[n]:
+                k = indices[n]
+                x_at, y_at = pupil[0, k, 0, 0], pupil[1, k, 0, 0]
+                for u in range(columns):
+                    along[u], over[u] = x_at, y_at
+                for u in range(0 if still else columns):
+                    along[u], over[u] = pupil[0, k, v, u], pupil[1, k, v, u]
+                _add_pulls(each[n, 0, v], each[n, 1, v], expected[v - start], x, y, along, over, pull, value, sums)
+        _about_mean(sums, known[v - start], terms[v - low])
+
+
 @kernel(apart=True)
 def _correct(total: Samples, changes: Samples, costs: Samples) -> None:
     """Change of disparity by sums of terms over windows along a row, and chi-square per degree of freedom it leaves."""
@@ -359,9 +414,9 @@ def _settle(
     each: Samples, pupil: Samples, indices: NDArray[np.int64], quarters: Flags, picture: Array, begun: Array,
     steps: tuple[float, float], reach: int, before: Array, least: Array, chosen: Array,
 ) -> None:  # fmt: skip
-    """As `_Settled.settle`; slopes of what a quarter shows are differences of neighbours."""
+    """As `FewViews.settle`; slopes of what a quarter shows are differences of neighbours."""
     rows, columns = begun.shape
-    zero, one, still = float32(0), float32(1), pupil.strides[2] == 0 and pupil.strides[3] == 0
+    one = float32(1)
     for tile in prange((rows + _TILE - 1) // _TILE):
         top, bottom = tile * _TILE, min(tile * _TILE + _TILE, rows)
         first, last = max(top - reach, 0), min(bottom + reach, rows)
@@ -370,49 +425,18 @@ def _settle(
         known = ~np.isnan(begun[start:stop])
         if not known.any():
             continue
-        expected, seen = np.zeros((2, stop - start, columns), float32)
+        expected = _rows(stop - start, columns)
         terms, down = np.zeros((high - low, 4, columns), float32), np.zeros((4, columns + 2 * reach), float32)
         windows = np.full((2, last - first, columns + 2 * reach), float32(math.inf))
-        total, sums, x, y = _rows(4, columns), _rows(7, columns), _rows(1, columns)[0], _rows(1, columns)[0]
+        total = _rows(4, columns)
         here, tried, smallest, best = _rows(4, columns)
-        along, over, pull, value = _rows(4, columns)
         for v in range(start, stop):
             for u in range(columns):
                 expected[v - start, u] = picture[v, u]
         for q in range(quarters.shape[0]):
             if not quarters[q].any():
                 continue
-            for v in range(start, stop):
-                clear(total[0])
-                clear(total[1])
-                for n in range(indices.size):
-                    if quarters[q, n]:
-                        _add_light(each[n, 0, v], each[n, 1, v], expected[v - start], total[0], total[1])
-                for u in range(columns):
-                    lit = known[v - start, u] and total[0, u] > zero
-                    seen[v - start, u] = expected[v - start, u] + (total[1, u] / total[0, u] if lit else zero)
-            for v in range(low, high):
-                above, below = seen[max(v - 1, 0) - start], seen[min(v + 1, rows - 1) - start]
-                row, tall = seen[v - start], one / float32((2 if 0 < v < rows - 1 else 1) * steps[1])
-                wide = one / float32(2 * steps[0])
-                for u in range(1, columns - 1):
-                    x[u] = (row[u + 1] - row[u - 1]) * wide
-                x[0], x[columns - 1] = 2 * (row[1] - row[0]) * wide, 2 * (row[columns - 1] - row[columns - 2]) * wide
-                for u in range(columns):
-                    y[u] = (below[u] - above[u]) * tall
-                clear(sums.reshape(-1))
-                for n in range(indices.size):
-                    if quarters[q, n]:
-                        k = indices[n]
-                        x_at, y_at = pupil[0, k, 0, 0], pupil[1, k, 0, 0]
-                        for u in range(columns):
-                            along[u], over[u] = x_at, y_at
-                        for u in range(0 if still else columns):
-                            along[u], over[u] = pupil[0, k, v, u], pupil[1, k, v, u]
-                        _add_pulls(
-                            each[n, 0, v], each[n, 1, v], expected[v - start], x, y, along, over, pull, value, sums
-                        )  # fmt: skip
-                _about_mean(sums, known[v - start], terms[v - low])
+            _quarter_terms(each, pupil, indices, quarters[q], expected, known, steps, start, low, terms)
             for v in range(first, last):
                 clear(down.reshape(-1))
                 clear(total.reshape(-1))
@@ -468,13 +492,13 @@ def past_edges(
         near, known = ndimage.binary_dilation(wanted, iterations=_NEAR), np.isfinite(found.sigma)
         tried, settled = settled.chosen, _Settled.none(len(quarters), wanted.shape)
         for side in sides_about(np.where(known, found.disparity, disparity), near):
-            settled.settle(few(each, side, first.picture), own, SIZES[0], tried)
+            few(each, side, first.picture).settle(own, SIZES[0], tried, settled)
         wide = ndimage.binary_opening(wanted, np.ones((SIZES[0], SIZES[0]), np.bool_)) & last
         about = ndimage.binary_dilation(wide, iterations=4)
         for number, quarter in enumerate(quarters if wide.any() else ()):
             along = np.where(about, search(quarter.views, about), np.nan)
             alone = [np.full(len(quarter.few), k == number) for k in range(len(quarters))]
-            settled.settle(few(quarter.few, along, first.picture), alone, SIZES[0], tried)
+            few(quarter.few, along, first.picture).settle(alone, SIZES[0], tried, settled)
         found.take(look(_parts(quarters, settled), first.picture), wanted, limits)
     return found, _behind(first, quarters, disparity, look, few, limits, found)
 
@@ -503,7 +527,7 @@ def _behind(
     here, behind = (_Settled.none(len(quarters), known.shape) for _ in range(2))
     for surface, along in ((here, known), (behind, np.where(np.isfinite(farther), farther, np.nan))):
         light = few(each, np.where(about, along, np.nan), first.picture)
-        surface.settle(light, own, SIZES[1], untried)
+        light.settle(own, SIZES[1], untried, surface)
     wrong: Flags = beside & (behind.least < _CLEARLY * here.least)
     found.sigma[wrong] = np.inf
     found.take(look(_parts(quarters, behind), first.picture), wrong, limits)
