@@ -176,14 +176,17 @@ class TracedViews:
         middle = sensor_of_pupil(mounted, c, fap.centre)
         first, comes = through(np.broadcast_to(c[:, None], (len(c), len(points), 2)))
         good = middle.ok & comes.all(-1) & whole
-        step, shown, aimed = self._step, list[Array](), None
+        step, shown = self._step, list[Array]()
+        aimed: Array | None = None
         for z in self.depth(np.array([-step, 0.0, step])):
             ahead = float(fap.z - mounted.first_order.front_principal + z)
             point, pupil = middle.views.at(ahead)[:, None], first
             for last in (False, True):
-                rays = forward_rays(mounted, point, pupil, mounted.wavelength, z=fap.z - ahead, start=aimed)
-                good, aimed = good & rays.comes.all(-1), rays.aimed
-                place = np.where(good[:, None, None], np.moveaxis(rays.height, 0, -1), c[:, None])
+                height, _, comes, aimed = forward_rays(
+                    mounted, point, pupil, mounted.wavelength, z=fap.z - ahead, start=aimed
+                )
+                good &= comes.all(-1)
+                place = np.where(good[:, None, None], np.moveaxis(height, 0, -1), c[:, None])
                 if not last:  # what looks there is another microlens, whose pupil has aberrations of its own
                     pupil, comes = through(place)
                     good &= comes.all(-1)
@@ -285,14 +288,15 @@ class TracedViews:
         away, which look otherwise. By first order where no light comes through.
         """
         (c, rays, good), mounted, turned = self._rays(places), self.mounted, _turned(self.design)
-        step, shown, aimed = self._step, list[Array](), None
+        step, shown = self._step, list[Array]()
+        aimed: Array | None = None
         for z in self.depth(np.array([-step, 0.0, step])):
             ahead = float(mounted.fap.z - mounted.first_order.front_principal + z)
-            back = forward_rays(
+            height, _, comes, aimed = forward_rays(
                 mounted, rays.at(ahead), mounted.fap.centre, mounted.wavelength, z=mounted.fap.z - ahead, start=aimed
             )
-            good, aimed = good & back.comes.all(-1), back.aimed
-            shown.append((c[:, None] - np.moveaxis(back.height, 0, -1)) @ turned.T / float(self.camera.d))
+            good &= comes.all(-1)
+            shown.append((c[:, None] - np.moveaxis(height, 0, -1)) @ turned.T / float(self.camera.d))
         looks = np.stack([(shown[2] - shown[0]) / (2 * step), shown[1]])
         good &= np.isfinite(looks).all((0, 2, 3))
         one = self._on_fap(np.array([[1.0, 0.0]])) @ turned.T

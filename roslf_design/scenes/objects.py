@@ -138,7 +138,7 @@ class Noise(_Told):
     finest: Annotated[Length, Field(examples=["0.5 mm"])]
     """Period of its finest detail [mm]."""
     contrast: Annotated[float, Field(ge=0, le=MOST_CONTRAST)] = 0.1
-    """Rms contrast in each octave. No radiance is below zero: of 0.2 each 2 % is black, of 0.3 9 %, with sharp edges."""
+    """Rms contrast in each octave; from some 0.2 on parts are black with sharp edges, as no radiance is below zero."""
     mean: Level = 0.5
     """Radiance."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0

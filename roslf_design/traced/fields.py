@@ -153,11 +153,11 @@ class DesignImages(LensImages):
         point = self._chief_ahead.at(self._plane(at))[field, 0]
         if not np.isfinite(point).all():
             return None
-        rays = forward_rays(self.lens, point, self._pupil, self.lens.wavelength, z=z)
-        comes = rays.comes & np.isfinite(place).all(axis=-1)
+        moved, _, comes, _ = forward_rays(self.lens, point, self._pupil, self.lens.wavelength, z=z)
+        comes &= np.isfinite(place).all(axis=-1)
         if not comes[0] or np.count_nonzero(comes) < FEWEST:
             return None
-        ways, place = rays.height.T[comes], place[comes]
+        ways, place = moved.T[comes], place[comes]
         half = np.full(2, np.ptp(place, axis=0).max() / 2)
         spread = float(np.std(ways - float(image_rate(self.camera, at)) * place, axis=0).max())
         return _Beam(Polynomials.fitted(place[0], half, DEGREE, place.T, (ways - ways[0]).T), spread)

@@ -216,26 +216,12 @@ def field_map(camera: LensCamera, microlens: ArrayLike, colours: ArrayLike = ())
     tangential, sagittal = (np.where(good, _focus(camera, point, axis), 0.0) for axis in (along, across))
     blur, spread = _spot(camera, point, along, across)
     lateral = np.zeros((*c.shape[:-1], waves.size, 2))
-    own = forward_rays(camera, point, fap.centre, camera.wavelength)
+    own, _, ours, aimed = forward_rays(camera, point, fap.centre, camera.wavelength)
     for index, wave in enumerate(waves):
-        other = forward_rays(camera, point, fap.centre, float(wave), start=own.aimed)
-        moved = np.moveaxis(other.height - own.height, 0, -1)
-        lateral[..., index, :] = np.where((own.comes & other.comes)[..., None], moved, 0.0)
+        other, _, theirs, _ = forward_rays(camera, point, fap.centre, float(wave), start=aimed)
+        lateral[..., index, :] = np.where((ours & theirs)[..., None], np.moveaxis(other - own, 0, -1), 0.0)
     spread = np.where(good[..., None], spread, 0.0)
     return _FieldMap(point, distortion, tangential, sagittal, np.where(good, blur, 0.0), spread, lateral, state)
-
-
-class ForwardRays(NamedTuple):
-    """Rays from the scene where they meet the array, in its own frame."""
-
-    height: Array
-    """[mm], (2, ...)."""
-    slope: Array
-    """Likewise."""
-    comes: NDArray[np.bool_]
-    """Which of them come through, (...)."""
-    aimed: Array
-    """Slopes at the FAP, as `LensCamera.aimed` has them."""
 
 
 def forward_rays(
@@ -247,10 +233,11 @@ def forward_rays(
     z: float | None = None,
     clip: bool = False,
     start: Array | None = None,
-) -> ForwardRays:
+) -> tuple[Array, Array, NDArray[np.bool_], Array]:
     """Rays from points of a plane at `z`, by default in focus, through points of the FAP, both (..., 2), to the array.
 
-    Aimed from slopes `start` at the FAP, as of rays that go nearly as these.
+    Heights and slopes (2, ...) in the array's own frame, which rays come through, and slopes at the FAP: those of rays
+    that go nearly as these are where to `start` from.
     """
     x, a = np.broadcast_arrays(point, pupil)
     end = camera.fap.lifted(a)
@@ -261,7 +248,7 @@ def forward_rays(
     there = lens.through(end[:2], slopes, start=end[2], end=camera.array.z, backward=False, clip=clip)
     way = np.tensordot(camera.array.axes, np.stack([*there.slope, np.ones(x.shape[:-1])]), axes=1)
     height = camera.array.crossed(there.height, there.slope, camera.array.z)
-    return ForwardRays(height, way[:2] / way[2], comes & (there.state == RayFate.KEPT), slopes)
+    return height, way[:2] / way[2], comes & (there.state == RayFate.KEPT), slopes
 
 
 def _focus(camera: LensCamera, point: Array, axis: Array) -> Array:
@@ -269,7 +256,7 @@ def _focus(camera: LensCamera, point: Array, axis: Array) -> Array:
     offset = PENCIL * camera.fap.diameter / 2 * np.array([[-1.0], [1.0]])
     pupil, towards = camera.fap.centre + offset * axis[..., None, :], np.moveaxis(axis, -1, 0)[..., None]
     rays = forward_rays(camera, point[..., None, :], pupil, camera.wavelength)
-    height, slope = (np.sum(part * towards, axis=0) for part in (rays.height, rays.slope))
+    height, slope = (np.sum(part * towards, axis=0) for part in rays[:2])
     closing, gap = slope[..., 1] - slope[..., 0], height[..., 1] - height[..., 0]
     return np.asarray(np.divide(-gap, closing, where=closing != 0, out=np.zeros_like(gap)))
 
@@ -278,8 +265,8 @@ def _spot(camera: LensCamera, point: Array, along: Array, across: Array) -> tupl
     """Root-mean-square radius, from rays all over the FAP, and extents, from those and more along its rim."""
     disc = np.concatenate([sunflower(SPOT_RAYS), circle(RIM_POINTS).T], axis=1)
     pupil = camera.fap.filled(disc[0][:, None] * along[..., None, :] + disc[1][:, None] * across[..., None, :])
-    rays = forward_rays(camera, point[..., None, :], pupil, camera.wavelength, clip=True)
-    place, kept = np.moveaxis(rays.height, 0, -1), rays.comes
+    height, _, kept, _ = forward_rays(camera, point[..., None, :], pupil, camera.wavelength, clip=True)
+    place = np.moveaxis(height, 0, -1)
     even = kept & (np.arange(kept.shape[-1]) < SPOT_RAYS)
     count = np.maximum(np.sum(even, axis=-1), 1)
     mean = np.sum(place * even[..., None], axis=-2) / count[..., None]

@@ -22,6 +22,8 @@ NEAR = (0.9, 1.3)
 """Spread over prediction where prediction holds."""
 ENOUGH = 30
 """Windows from which bias and spread are told well."""
+SURELY = 3.0
+"""Standard errors of a mean beyond which it is no chance: beyond two, one picture in twenty would be called biased."""
 FEW = 0.98
 """Share of measured microlenses below which what is missing is a caution."""
 WIDE = 1.3
@@ -147,7 +149,7 @@ def statements(trial: Trial) -> Iterator[Statement]:
         yield Statement("caution", text, "Name a larger --region, or more --exposures.")
     text = f"How far does it scatter? By {_mm(spread)} (one standard deviation of a single microlens's depth)."
     yield Statement("plain", text)
-    small, chance = abs(bias) <= spread / 3, abs(bias) <= 2 * summary.told_mm / math.sqrt(windows)
+    small, chance = abs(bias) <= spread / 3, abs(bias) <= SURELY * summary.told_mm / math.sqrt(windows)
     text = f"Is it off on the whole? By {bias:+.2g} mm on average, {_share(abs(bias), spread)} the scatter."
     remedy = (
         "Averaging does not take this away: calibrate, and believe no depth to better than it."
