@@ -400,9 +400,10 @@ def _with_edges(judged: DisparityMap, wanted: Flags, look: SharedLight, start: S
     assert every is not None
     views, (low, high) = every.views, judged.search
     # The middle view shows what the microlens sees: without it a quarter agrees on what lies behind an edge beside.
-    left, above = ((side <= 1e-6, side >= -1e-6) for side in views.pupil.mean(axis=(2, 3)))
+    left, above = ((side <= 1e-6, side >= -1e-6) for side in np.nanmean(views.pupil, axis=(2, 3)))
     few = views.sparse if len(views.grid) >= _MANY else np.ones(len(views.grid), np.bool_)
-    quarters = [Quarter.of(a & b, few, views.grid) for a in left for b in above if (a & b).sum() > 2]
+    lit = bool((views.lit == len(views.grid)).all())
+    quarters = [Quarter.of(a & b, few, views.grid, lit) for a in left for b in above if (a & b).sum() > 2]
     known = judged.disparity[judged.measured]
     least, most = (max(low, known.min() - 1), min(high, known.max() + 1)) if known.size else (low, high)
     coarse, rough = min(views.shape) >= MANY_PIXELS, roughness(look.picture)

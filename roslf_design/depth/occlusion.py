@@ -76,12 +76,15 @@ class Quarter(NamedTuple):
     """Indices of those that tell whether the quarter agrees."""
 
     @classmethod
-    def of(cls, views: Flags, some: Flags, grid: NDArray[np.int64]) -> Quarter:
-        """Quarter whose outermost ones among `some` are its few; all of these, where there are no corners."""
+    def of(cls, views: Flags, some: Flags, grid: NDArray[np.int64], lit: bool) -> Quarter:
+        """Quarter whose outermost ones among `some` are its few; all of these, where there are no corners.
+
+        Corners alone tell only where all views are `lit` everywhere: two views hardly agree or disagree.
+        """
         own = views & some
         ends = [np.isin(at, (at[own].min(initial=at.max()), at[own].max(initial=at.min()))) for at in grid.T]
         corners = np.flatnonzero(own & ends[0] & ends[1])
-        return cls(views, corners if len(corners) > 2 else np.flatnonzero(own))
+        return cls(views, corners if lit and len(corners) > 2 else np.flatnonzero(own))
 
 
 @dataclass(frozen=True, eq=False)
@@ -482,6 +485,8 @@ def past_edges(
     """
     found = _Offered.none(wanted.shape)
     found.take(first, wanted, limits)
+    if not quarters:
+        return found, np.zeros(wanted.shape, np.bool_)
     each = np.unique(np.concatenate([quarter.few for quarter in quarters]))
     own = [np.isin(each, quarter.few) for quarter in quarters]
     settled = _Settled.none(len(quarters), wanted.shape)

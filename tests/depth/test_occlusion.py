@@ -1,5 +1,7 @@
 """Depth steps in decoded views: both sides known up to the edge, against two surfaces whose disparities are exact."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -82,3 +84,32 @@ def test_windows_that_answer_beside_a_step_tell_their_own_error(monkeypatch):
     assert known.sum() > 200
     ratio = np.abs(found.disparity / ACROSS - true)[inner][known] / found.sigma[inner][known] * ACROSS
     assert 0.4 < np.median(ratio) < 1.2  # 0.67 of errors that are right
+
+
+@pytest.mark.parametrize("across", [(1, 2), (2, 2), (3, 3)])
+def test_few_views_are_an_answer_too(across):
+    field, true = bar()
+    rows, columns = across
+    middle = field.values[3 - rows // 2 : 3 - rows // 2 + rows, 3 - columns // 2 : 3 - columns // 2 + columns]
+    places = [np.arange(n) - (n - 1) / 2 for n in across]
+    few = replace(field, values=middle, weight=np.ones_like(middle), t=places[0], s=places[1], pitch=float(max(across)))
+    pupil = np.stack(np.meshgrid(places[1], places[0])) / max(across)
+    found = estimate_disparity(
+        few, pupil, PixelNoise(1e8, 2e5, measured=True), search=(-4.0, 4.0), window=7, edges=True
+    )
+    assert found.measured.mean() > 0.6
+    error = np.abs(-found.disparity / max(across) - true)[found.measured]
+    assert np.median(error) < 0.07
+
+
+@pytest.mark.parametrize("dark", [0.03, 0.06])
+def test_samples_without_light_here_and_there_leave_depth_beside_steps(dark):
+    field, _ = bar()
+    places = np.stack(np.meshgrid(np.arange(ACROSS) - 3.0, np.arange(ACROSS) - 3.0)) / ACROSS
+    lit = (np.random.default_rng(0).random(field.weight.shape) >= dark).astype(np.float32)
+    noise = PixelNoise(1e8, 2e5, measured=True)
+    whole, holed = (
+        estimate_disparity(replace(field, weight=light), places, noise, search=(-8.0, 8.0), window=7, edges=True)
+        for light in (field.weight, lit)
+    )
+    assert holed.measured.mean() > whole.measured.mean() - 0.01
