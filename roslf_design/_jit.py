@@ -19,9 +19,12 @@ from contextvars import ContextVar
 from functools import cache, cached_property, partial
 from pathlib import Path
 from types import CodeType, FunctionType
-from typing import Any, Generic, ParamSpec, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar, cast
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from concurrent.futures import ThreadPoolExecutor
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -42,8 +45,9 @@ PLAIN = (bool, int, float, str, tuple)
 WIDE = '"prefer-vector-width"="512"'
 """Attribute of a function that is compiled for vectors of 512 bits."""
 
-prange = range
-"""In a kernel: `range` when interpreted, `numba.prange` when compiled."""
+Band = tuple[int, int]
+"""Which of how many bands of a loop a thread works on."""
+WHOLE: Band = (0, 1)
 
 
 def soon_written(array: Any, index: int) -> None:
@@ -149,13 +153,18 @@ class Kernel(Generic[P, R]):
         return twin
 
     @property
-    def compiled(self) -> Callable[P, R]:
+    def on_one_thread(self) -> Callable[P, R]:
         """The numba twin, compiled (or read from numba's disk cache) on first use."""
         if self._compiled is None:
             with _COMPILING:
                 if self._compiled is None:
                     self._compiled = _compile(self)
         return self._compiled
+
+    @cached_property
+    def compiled(self) -> Callable[P, R]:
+        """The numba twin; where the kernel is `parallel`, its loop is shared among all threads."""
+        return _shared(self.on_one_thread) if self.parallel else self.on_one_thread
 
 
 def cold_seconds() -> float:
@@ -225,16 +234,14 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
         for name in twin.__code__.co_names:
             value = names.get(name)
             if isinstance(value, Kernel):
-                names[name] = value.compiled
-            elif value is prange and kernel.parallel:
-                names[name] = numba.prange
+                names[name] = value.on_one_thread
             elif value is soon_written:
                 names[name] = _fetch_to_write()
 
     folder = _cache_folder(twin)
     alone = contextlib.nullcontext if folder is None else partial(_alone, folder / f"{twin.__qualname__}.lock")
     compiled: Any = numba.njit(
-        cache=folder is not None, fastmath=False, error_model="numpy", parallel=kernel.parallel, nogil=True,
+        cache=folder is not None, fastmath=False, error_model="numpy", nogil=True,
         inline="always" if kernel.inline else "never",
     )(twin)  # fmt: skip
     if kernel.apart:
@@ -277,6 +284,38 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
     compiled.compile = compile_once
     fast: Callable[P, R] = compiled
     return fast
+
+
+def threads() -> int:
+    """How many threads the loops of parallel kernels are shared among: NUMBA_NUM_THREADS, or as many as processors."""
+    return int(_numba().config.NUMBA_NUM_THREADS)
+
+
+@cache
+def _others() -> ThreadPoolExecutor:
+    """Threads beside the one that calls."""
+    from concurrent.futures import ThreadPoolExecutor  # for kernels that are compiled only
+
+    return ThreadPoolExecutor(threads())
+
+
+def _shared(machine: Any) -> Callable[..., Any]:
+    """A parallel kernel's machine code, which has its loop's band last, on all threads.
+
+    Numba's own would take three times as long to compile, and abort where two threads call at once.
+    """
+
+    def run(*args: Any) -> Any:
+        if not machine.overloads:  # compiled here, where Ctrl-C ends it
+            machine.compile(tuple(map(machine.typeof_pyval, (*args, WHOLE))))
+        count = threads()
+        bands = [_others().submit(machine, *args, (band, count)) for band in range(1, count)]
+        result = machine(*args, (0, count))
+        for band in bands:
+            band.result()
+        return result
+
+    return run
 
 
 @cache
@@ -341,15 +380,21 @@ def kernel(
 ) -> Callable[[Callable[P, R]], Kernel[P, R]]:
     """Make a function a `Kernel`.
 
-    With `parallel`, its `prange` loops run on all threads when compiled. One that is `inline` becomes part of compiled
-    callers, for loops that are made vectors of only so. What `apart` is given never overlaps, so that loops over many
-    arrays are made vectors of, too.
+    With `parallel`, its last argument is a `Band`, and its `prange` is shared among threads when compiled. One that is
+    `inline` becomes part of compiled callers, for loops that are made vectors of only so. What `apart` is given never
+    overlaps, so that loops over many arrays are made vectors of, too.
     """
 
     def wrap(function: Callable[P, R]) -> Kernel[P, R]:
         return Kernel(function, parallel, inline, apart)
 
     return wrap
+
+
+@kernel()
+def prange(count: int, band: Band) -> range:
+    """A band's part of the turns of a loop that do not hang on each other."""
+    return range(count * band[0] // band[1], count * (band[0] + 1) // band[1])
 
 
 @contextlib.contextmanager
@@ -370,7 +415,3 @@ def ahead(seconds: float) -> Iterator[None]:
         yield
     finally:
         _AHEAD.reset(before)
-
-
-THREADS = threading.Lock()
-"""Hold it around any call of a parallel compiled kernel: numba's plain work queue aborts when two threads enter."""

@@ -244,7 +244,6 @@ def run() -> None:
     gc.set_threshold(YOUNG)
     gc.disable()  # until the command's modules are imported: all that imports make stays
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small products wait longer for threads than they take
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # spinning threads take a fifth of depth
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # it would read what all installed packages are
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

@@ -14,8 +14,6 @@ from hypothesis import HealthCheck, settings
 gc.disable()  # until all tests are read, of which nothing goes: looking for what does takes half of that time
 # Workers share the processors already: threads of linear algebra would wait for each other, spinning. Before numpy.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# Threads of kernels too: between two calls they would spin for some milliseconds each time, half of all processor time.
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 # Workers keep what arrays gave back: memory returned and given anew, page by page, costs up to a tenth of their time.
 for limit in ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"):
     os.environ.setdefault(limit, str(1 << 30))

@@ -12,8 +12,9 @@ from roslf_design import cli
 from roslf_design._jit import (
     COMPILE,
     PATIENCE,
-    THREADS,
+    WHOLE,
     WIDE,
+    Band,
     Kernel,
     _alone,
     ahead,
@@ -32,8 +33,8 @@ def scaled(x: float) -> float:
 
 
 @kernel(parallel=True)
-def fill(values: np.ndarray, out: np.ndarray) -> None:
-    for i in prange(values.size):
+def fill(values: np.ndarray, out: np.ndarray, band: Band = WHOLE) -> None:
+    for i in prange(values.size, band):
         out[i] = scaled(values[i]) + 1.0
 
 
@@ -47,8 +48,7 @@ def as_commands_have_it():
 def test_interpreted_and_compiled_agree():
     values, plain, fast = np.linspace(-1, 1, 101), np.empty(101), np.empty(101)
     fill(values, plain)
-    with THREADS:
-        fill.compiled(values, fast)
+    fill.compiled(values, fast)
     np.testing.assert_array_equal(plain, fast)
     np.testing.assert_array_equal(plain, 2.5 * values + 1)
 

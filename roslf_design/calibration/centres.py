@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._jit import THREADS, kernel, prange
+from .._jit import WHOLE, Band, kernel, prange
 from .frames import Array, CalibrationError, Frame, grey_frame, refuse_saturated
 from .lattice import CentreLattice, LatticeFit, Layout, estimate_lattice, fit_lattice, lattice_of_phases
 
@@ -349,8 +349,7 @@ def _cell_moments(
     normals, halves = lattice.cell()
     out = np.zeros((len(centres), 7))
     x, y = np.ascontiguousarray(centres[:, 0]), np.ascontiguousarray(centres[:, 1])
-    with THREADS:
-        _moments.compiled(np.ascontiguousarray(image), x, y, normals, scale * halves, float(saturation), out)
+    _moments.compiled(np.ascontiguousarray(image), x, y, normals, scale * halves, float(saturation), out)
     light = out[:, 0]
     mean = out[:, 1:6] / np.where(light > 0, light, 1.0)[:, None] * (light > 0)[:, None]
     offset = mean[:, :2]
@@ -359,14 +358,16 @@ def _cell_moments(
 
 
 @kernel(parallel=True)
-def _moments(image: Frame, x: Array, y: Array, normals: Array, halves: Array, limit: float, out: Array) -> None:
+def _moments(
+    image: Frame, x: Array, y: Array, normals: Array, halves: Array, limit: float, out: Array, band: Band = WHOLE
+) -> None:
     rows, columns = image.shape
     sides = halves.shape[0]
     reach = 0.0
     for m in range(sides):
         reach = max(reach, halves[m])
     reach = reach * 1.4143 + 1.0
-    for n in prange(x.shape[0]):
+    for n in prange(x.shape[0], band):
         x0, y0 = x[n], y[n]
         light, mx, my, mxx, mxy, myy, hot = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for row in range(max(0, math.ceil(y0 - reach)), min(rows, math.floor(y0 + reach) + 1)):

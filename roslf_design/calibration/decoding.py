@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._jit import THREADS, kernel, prange
+from .._jit import WHOLE, Band, kernel, prange
 from .frames import MOST_SATURATED, Array, Frame, grey_frame, refuse_saturated, same_size
 from .lattice import CentreLattice
 
@@ -137,9 +137,8 @@ class LightField:
         du, dv = self._steps
         t, s = (np.arange(len(axis) // 2 % every, len(axis), every) for axis in (self.t, self.s))
         shift_u, shift_v = slope * self.s[s] / du, slope * self.t[t] / dv
-        with THREADS:
-            lit = np.ascontiguousarray(self.weight)  # compiled once, however it was laid out
-            _shift_and_sum.compiled(np.ascontiguousarray(self.values), lit, t, s, shift_v, shift_u, values, weight)
+        lit = np.ascontiguousarray(self.weight)  # compiled once, however it was laid out
+        _shift_and_sum.compiled(np.ascontiguousarray(self.values), lit, t, s, shift_v, shift_u, values, weight)
         return values, weight
 
 
@@ -276,8 +275,7 @@ class Decoder:
         shape = (len(self._offsets), len(self._offsets), len(self.rows), len(self.columns))
         values, held = np.zeros(shape, np.float32), np.zeros(shape if with_mask else (0, 0, 0, 0), np.float32)
         along = np.asarray(self.lattice.first) / self.lattice.pitches[0]
-        with THREADS:
-            _gather.compiled(image, nodes, along, self._offsets, values, held)
+        _gather.compiled(image, nodes, along, self._offsets, values, held)
         return values, held
 
 
@@ -306,10 +304,12 @@ def read_between(frequency: ArrayLike, between: Array) -> NDArray[np.complex128]
 
 
 @kernel(parallel=True)
-def _gather(image: Frame, nodes: Array, along: Array, offsets: Array, values: Samples, inside: Samples) -> None:
+def _gather(
+    image: Frame, nodes: Array, along: Array, offsets: Array, values: Samples, inside: Samples, band: Band = WHOLE
+) -> None:
     rows, columns = image.shape
     count = offsets.shape[0]
-    for v in prange(nodes.shape[0]):  # by rows of lenses: the image's rows stay at hand
+    for v in prange(nodes.shape[0], band):  # by rows of lenses: the image's rows stay at hand
         for k in range(count * count):
             t, s = k // count, k % count
             dx = offsets[s] * along[0] - offsets[t] * along[1]
@@ -339,9 +339,10 @@ def _shift_and_sum(
     right: Array,
     mean: Samples,
     total: Samples,
+    band: Band = WHOLE,
 ) -> None:
     _, _, rows, columns = values.shape
-    for v in prange(rows):
+    for v in prange(rows, band):
         # Of one view: its rows about y, mixed by cubic and by linear weights, and the least weight among them.
         cubic, linear = np.zeros(columns, np.float32), np.zeros(columns, np.float32)
         all_four, both = np.zeros(columns, np.float32), np.zeros(columns, np.float32)

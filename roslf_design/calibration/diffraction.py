@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._arrays import sunflower
-from .._jit import THREADS, kernel, prange
+from .._jit import WHOLE, Band, kernel, prange
 from ..camera import Camera
 from ..design import Design
 from ..theory.lens_shapes import LENS_SHAPES
@@ -343,8 +343,7 @@ def _apparent_shifts(
     aperture = np.ascontiguousarray(aperture - aperture.mean(axis=0))
     alike = _ViewWeights(*map(np.ascontiguousarray, weights))
     out = np.empty((size, views * count * len(_PHASES) * size))
-    with THREADS:
-        _patches.compiled(*alike, np.asarray(slopes, float), normals, _PHASES, aperture, half, out)
+    _patches.compiled(*alike, np.asarray(slopes, float), normals, _PHASES, aperture, half, out)
     patches = views * count * len(_PHASES)
     start = np.stack([np.arange(patches) * size + half + 1.0, np.full(patches, half + 1.0)], axis=-1)
     start += np.tile(_PHASES, (views * count, 1))
@@ -368,11 +367,12 @@ def _patches(
     aperture: Array,
     half: int,
     out: Array,
+    band: Band = WHOLE,
 ) -> None:
     count, size = slopes.shape[0], 2 * half + 3
     reach = math.ceil(1.5 * (half + 3))
     bins = 2 * reach * _FINE
-    for k in prange(views.shape[0] * count):
+    for k in prange(views.shape[0] * count, band):
         v, q = k // count, k % count
         # Light by distance from the two edges, of which the sums along both axes are then taken.
         held = np.zeros((bins + 1, bins + 1))

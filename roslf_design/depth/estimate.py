@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._jit import THREADS
 from ..calibration.decoding import LightField
 from .bends import window_bends
 from .occlusion import BESIDE_STEP, SETTLED, SIZES, FewViews, Limits, Quarter, beside_steps, past_edges
@@ -484,12 +483,11 @@ class _AllViews:
         cells = np.ascontiguousarray(cells[:1, :1, :1] if even else cells)  # of one layout: compiled once for both
         if len(each):
             slot[apart] = np.arange(len(each))
-        with THREADS:
-            common.compiled(
-                splines, cells, views.pupil, views.aside, views.still, even, chosen, disparity, picture, rough, peak,
-                views.steps, noise.electrons, noise.read_noise, noise.brightest, _ROBUST if robust else math.inf, sums,
-                slot, each,
-            )  # fmt: skip
+        common.compiled(
+            splines, cells, views.pupil, views.aside, views.still, even, chosen, disparity, picture, rough, peak,
+            views.steps, noise.electrons, noise.read_noise, noise.brightest, _ROBUST if robust else math.inf, sums,
+            slot, each,
+        )  # fmt: skip
 
     @property
     def apart(self) -> NDArray[np.int64]:
@@ -504,11 +502,10 @@ class _AllViews:
         Zeger 1986, eq. 9): noise of interpolated or compressed views, and what splines and occlusion leave.
         """
         square, information = np.zeros((2, len(windows), *self.views.shape))
-        with THREADS:
-            add_pulls.compiled(
-                look.each, self.views.pupil, self.apart, look.sums, *look.gradient, np.array(windows), square,
-                information,
-            )  # fmt: skip
+        add_pulls.compiled(
+            look.each, self.views.pupil, self.apart, look.sums, *look.gradient, np.array(windows), square,
+            information,
+        )  # fmt: skip
         return np.asarray(np.divide(square, information, out=np.zeros_like(square), where=information > 0))
 
 
@@ -629,8 +626,7 @@ class _Views:
         views = self.values
         if any(self.light.strides) and not self.light.all():
             views = views.copy()
-            with THREADS:
-                fill_holes.compiled(views, self.light)
+            fill_holes.compiled(views, self.light)
         full = self.full if any(self.full.strides) else None
         return spline_coefficients(views), light_of_cells(self.light, full)
 
@@ -740,11 +736,10 @@ class _Zones(NamedTuple):
         shown = np.where(views.light > 0, views.values, 0) if any(views.light.strides) else views.values
         overall = shown.sum(axis=0, dtype=float) / np.maximum(views.lit, 1)
         zones = np.zeros((count, 6, *views.shape), np.float32)
-        with THREADS:
-            gather_zones.compiled(
-                views.values, np.ascontiguousarray(views.light), views.pupil, views.aside, zone, overall,
-                noise.electrons, noise.read_noise, zones,
-            )  # fmt: skip
+        gather_zones.compiled(
+            views.values, np.ascontiguousarray(views.light), views.pupil, views.aside, zone, overall,
+            noise.electrons, noise.read_noise, zones,
+        )  # fmt: skip
         light = zones[:, 1]
         above, below = (np.minimum(each[..., :-1], each[..., 1:]) for each in (light[:, :-1], light[:, 1:]))
         return cls(zones, np.minimum(above, below), overall, views)
@@ -782,14 +777,12 @@ def _searched(
     pitches = size * views.steps[0], size * views.steps[1]
     where = np.ones(shape, np.bool_) if near is None else near[::size, ::size][: shape[0], : shape[1]].copy()
     squares, freedoms, means = np.zeros((3, len(candidates), *shape), np.float32)
-    with THREADS:
-        shown = overall.astype(np.float32)
-        spread_of_zones.compiled(zones, cells, shown, candidates, pitches, where, squares, freedoms, means)
+    shown = overall.astype(np.float32)
+    spread_of_zones.compiled(zones, cells, shown, candidates, pitches, where, squares, freedoms, means)
     totals, freedoms = (box(each, window) for each in (squares, freedoms))
     best = np.zeros(shape, np.int64)
     part, least, second, level = np.zeros((4, *shape))
-    with THREADS:
-        best_and_next.compiled(totals, freedoms, best, part, least, second, level)
+    best_and_next.compiled(totals, freedoms, best, part, least, second, level)
     rows, columns = np.ogrid[: shape[0], : shape[1]]
     start = candidates[best] + step * part
     freedom = freedoms[best, rows, columns]

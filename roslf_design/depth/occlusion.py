@@ -17,7 +17,7 @@ from numpy import float32
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from .._jit import THREADS, kernel, prange
+from .._jit import WHOLE, Band, kernel, prange
 from .warping import add, clear
 from .windows import CHI2, FREE, QUORUM, SPARE, STRAIN, TERMS, UNDER, SharedLight, carried, fit_window, row_terms
 
@@ -106,12 +106,11 @@ class _Offered:
         """Take the windows of a look that know more than those so far."""
         alike = np.full(len(SIZES), np.nan) if limits.alike is None else np.array(limits.alike)
         slopes = look.gradient
-        with THREADS:
-            _take_best.compiled(
-                look.sums, *slopes, look.disparity, look.steps, look.density, limits.level,
-                limits.lowest, alike, wanted, limits.largest_sigma,
-                self.disparity, self.sigma, self.chi2, self.views, self.picture,
-            )  # fmt: skip
+        _take_best.compiled(
+            look.sums, *slopes, look.disparity, look.steps, look.density, limits.level,
+            limits.lowest, alike, wanted, limits.largest_sigma,
+            self.disparity, self.sigma, self.chi2, self.views, self.picture,
+        )  # fmt: skip
 
 
 @kernel(inline=True)
@@ -131,11 +130,11 @@ def _surely(chi2: float, freedom: float) -> float:
 def _take_best(
     sums: Array, slope_u: Array, slope_v: Array, known: Flags, begun: Array, steps: tuple[float, float],
     density: float, level: Array, lowest: Array, alike: Array, wanted: Flags, largest_sigma: float, disparity: Array,
-    sigma: Array, chi2: Array, views: Array, picture: Array,
+    sigma: Array, chi2: Array, views: Array, picture: Array, band: Band = WHOLE,
 ) -> None:  # fmt: skip
     """Take, of windows that hold a microlens, that which knows its disparity best, if it knows more than `sigma`."""
     rows, columns = wanted.shape
-    for tile in prange((rows + _TILE - 1) // _TILE):
+    for tile in prange((rows + _TILE - 1) // _TILE, band):
         top, bottom, most = tile * _TILE, min(tile * _TILE + _TILE, rows), SIZES[0] // 2
         if not wanted[top:bottom].any():
             continue
@@ -206,11 +205,11 @@ def _take_best(
 
 
 @kernel(parallel=True)
-def _sides(disparity: Array, wanted: Flags, reach: int, two: float, sides: Array) -> None:
+def _sides(disparity: Array, wanted: Flags, reach: int, two: float, sides: Array, band: Band = WHOLE) -> None:
     """Disparities of the farther and the nearer surface about some microlenses, by the known ones within `reach`."""
     rows, columns = disparity.shape
     # Every other one tells enough, of four together.
-    for half in prange((rows + 1) // 2):
+    for half in prange((rows + 1) // 2, band):
         v = 2 * half
         for u in range(0, columns, 2):
             if not wanted[v : v + 2, u : u + 2].any():
@@ -243,8 +242,7 @@ def sides_about(disparity: Array, wanted: Flags, reach: int = _BESIDE, two: floa
     numbers where nothing is wanted or known.
     """
     sides = np.full((2, *wanted.shape), np.nan)
-    with THREADS:
-        _sides.compiled(disparity, wanted, reach, two, sides)
+    _sides.compiled(disparity, wanted, reach, two, sides)
     return sides
 
 
@@ -285,11 +283,10 @@ class FewViews(NamedTuple):
         a step that about it sees both surfaces, whichever of the two it is compared along, and the edge is the nearer
         one's.
         """
-        with THREADS:
-            _settle.compiled(
-                self.each, self.pupil, self.indices, np.array(quarters), self.picture, self.disparity, self.steps,
-                window // 2, before, settled.least, settled.chosen,
-            )  # fmt: skip
+        _settle.compiled(
+            self.each, self.pupil, self.indices, np.array(quarters), self.picture, self.disparity, self.steps,
+            window // 2, before, settled.least, settled.chosen,
+        )  # fmt: skip
 
 
 @kernel()
@@ -415,12 +412,12 @@ def _choose(
 @kernel(parallel=True)
 def _settle(
     each: Samples, pupil: Samples, indices: NDArray[np.int64], quarters: Flags, picture: Array, begun: Array,
-    steps: tuple[float, float], reach: int, before: Array, least: Array, chosen: Array,
+    steps: tuple[float, float], reach: int, before: Array, least: Array, chosen: Array, band: Band = WHOLE,
 ) -> None:  # fmt: skip
     """As `FewViews.settle`; slopes of what a quarter shows are differences of neighbours."""
     rows, columns = begun.shape
     one = float32(1)
-    for tile in prange((rows + _TILE - 1) // _TILE):
+    for tile in prange((rows + _TILE - 1) // _TILE, band):
         top, bottom = tile * _TILE, min(tile * _TILE + _TILE, rows)
         first, last = max(top - reach, 0), min(bottom + reach, rows)
         low, high = max(first - reach, 0), min(last + reach, rows)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._jit import THREADS, kernel, prange
+from .._jit import WHOLE, Band, kernel, prange
 from ..calibration.decoding import LightField
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import panchromatic
@@ -280,11 +280,10 @@ class _FreedWaves(NamedTuple):
         for raw, where in self._raw(waves, disparities):
             to_middle, own = np.exp(2j * math.pi * np.tensordot(waves, where, 1)), raw * self.gain.T
             values = _apart(to_middle.conj().T if self.shared else np.moveaxis(own, 0, -1))
-            with THREADS:
-                _free_waves.compiled(
-                    _apart(np.moveaxis(raw, 0, -1)), self.gain.T.copy(), sure, self.mixing.first, self.mixing.source,
-                    way.ravel(), _apart(turns), shares, rounds, values,
-                )  # fmt: skip
+            _free_waves.compiled(
+                _apart(np.moveaxis(raw, 0, -1)), self.gain.T.copy(), sure, self.mixing.first, self.mixing.source,
+                way.ravel(), _apart(turns), shares, rounds, values,
+            )  # fmt: skip
             shown = (values[:, :, 0] + 1j * values[:, :, 1]).T * to_middle
             if self.shared:  # neighbours send as much of a wave as the picture shows
                 alone = own.swapaxes(1, 2) * to_middle
@@ -387,8 +386,7 @@ def _filtered(
     values, noise = np.zeros_like(field.values), np.zeros_like(field.values)
     reach = kernels.shape[-1] // 2
     views, (at_t, at_s) = field.values[usable], np.nonzero(usable)
-    with THREADS:
-        fill_holes.compiled(views, field.weight[usable])
+    fill_holes.compiled(views, field.weight[usable])
     padded = np.pad(views, ((0, 0), (reach, reach), (reach, reach)), mode="symmetric")
     for node, (row, column) in enumerate(itertools.product(*near)):
         (top, bottom), (left, right) = (np.flatnonzero(line)[[0, -1]] for line in (row, column))
@@ -420,10 +418,11 @@ def _apart(waves: NDArray[np.complex128]) -> NDArray[np.float64]:
 @kernel(parallel=True)
 def _free_waves(
     raw: Any, gain: Any, sure: Any, first: Any, source: Any, way: Any, turns: Any, shares: Any, rounds: int, out: Any,
+    band: Band = WHOLE,
 ) -> None:  # fmt: skip
     """Waves without what neighbours put into samples, which show them turned; all (node, view, part, wave)."""
     nodes, views, _, count = raw.shape
-    for i in prange(nodes):
+    for i in prange(nodes, band):
         before, mean, foreign = np.empty((views, 2, count)), np.empty((2, count)), np.empty((2, count))
         # Sample by sample: whole arrays at once would be compiled several times as long.
         for _ in range(rounds):

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from .._jit import THREADS, kernel, prange
+from .._jit import WHOLE, Band, kernel, prange
 from ..calibration.decoding import DARKEST, LightField, left_by_rows, read_between, squared
 from ..camera import Camera
 from ..shapes.lattice import PACKINGS
@@ -344,13 +344,12 @@ class ViewLight:
         raw, freed = np.asarray(lenses.values[usable], np.float32), np.empty_like(shown)
         known = (picture[_on_grid(field)[0]] != 0).astype(np.float32)
         told, dark = np.zeros_like(shown), np.zeros_like(known)
-        with THREADS:
-            # Each sample's own as often as it has light of neighbours, and what of these is known.
-            _gather.compiled(np.stack(len(raw) * [known]), np.ones_like(known), *mixing, *maps, start, told)
-            beyond = 2 * (1 - share) - told
-            good = (share > SHARED) & ((beyond < SENT) | (share > LEAST)) & (light > 0)
-            gain = np.divide(1, share, out=np.zeros(light.shape, np.float32), where=good)
-            _free.compiled(raw, gain, gain, np.zeros_like(raw), shown, dark, *mixing, *maps, start, freed)
+        # Each sample's own as often as it has light of neighbours, and what of these is known.
+        _gather.compiled(np.stack(len(raw) * [known]), np.ones_like(known), *mixing, *maps, start, told)
+        beyond = 2 * (1 - share) - told
+        good = (share > SHARED) & ((beyond < SENT) | (share > LEAST)) & (light > 0)
+        gain = np.divide(1, share, out=np.zeros(light.shape, np.float32), where=good)
+        _free.compiled(raw, gain, gain, np.zeros_like(raw), shown, dark, *mixing, *maps, start, freed)
         values[usable] = np.where(gain > 0, freed, 0)
         weight[usable] = np.where(gain > 0, light * share**2, 0)
         return looks._replace(field=_with(field, values, weight))
@@ -443,16 +442,13 @@ def _freed(
     near, faint = ways
     dark = (sure <= 0).all(0).astype(np.float32)
     values, other, rest = np.empty_like(raw), np.empty_like(raw), np.zeros_like(raw)
-    with THREADS:
-        _fill.compiled(raw, sure, values)
-        for count in range(ROUNDS):
-            if count in SLOW:  # faint light changes little
-                rest[:] = 0
-                _gather.compiled(values, dark, *faint, *maps, start, rest)
-            _free.compiled(
-                raw, gain, gain if count == ROUNDS - 1 else sure, rest, values, dark, *near, *maps, start, other
-            )
-            values, other = other, values
+    _fill.compiled(raw, sure, values)
+    for count in range(ROUNDS):
+        if count in SLOW:  # faint light changes little
+            rest[:] = 0
+            _gather.compiled(values, dark, *faint, *maps, start, rest)
+        _free.compiled(raw, gain, gain if count == ROUNDS - 1 else sure, rest, values, dark, *near, *maps, start, other)
+        values, other = other, values
     values[gain <= 0] = 0
     return values
 
@@ -477,8 +473,7 @@ def _shown(
     near, column = _on_grid(field)
     row = near[0]
     filled = picture.astype(np.float32)[None]
-    with THREADS:
-        fill_holes.compiled(filled, (filled != 0).astype(np.float32))
+    fill_holes.compiled(filled, (filled != 0).astype(np.float32))
     # Splines of single samples would turn the finest detail by 0.8 of what they should.
     waves = fft.dctn(np.pad(filled[0].astype(float), BEYOND, mode="reflect", reflect_type="odd"), norm="ortho")
     if field.hexagonal is not None:
@@ -756,7 +751,7 @@ def _fill_row(known: Any, values: Any) -> None:
 
 @kernel()
 def _gather_row(
-    n: int, v: np.int64, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, node: Any, down: Any,
+    n: int, v: int, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, node: Any, down: Any,
     along: Any, across: int, start: Any, out: Any, like: Any, share: Any,
 ) -> None:  # fmt: skip
     """Add neighbours' light in samples n of row v; one that nothing is known of is like the microlens itself."""
@@ -810,16 +805,15 @@ def _gather_row(
 @kernel(parallel=True)
 def _gather(
     values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, node: Any, down: Any, along: Any,
-    across: int, start: Any, out: Any,
+    across: int, start: Any, out: Any, band: Band = WHOLE,
 ) -> None:  # fmt: skip
     """Add neighbours' light in all samples, shape (view, v, u); `dark` is 1 where nothing is known of a microlens."""
     count, rows, columns = values.shape
-    for v in prange(rows):
+    for v in prange(rows, band):
         like, share = np.empty(columns, np.float32), np.empty(columns, np.float32)
-        row = np.int64(v)  # of one type in and out of threads: compiled once
         for n in range(count):
             _gather_row(
-                n, row, values, dark, first, source, steps, shares, node, down, along, across, start, out[n, v], like,
+                n, v, values, dark, first, source, steps, shares, node, down, along, across, start, out[n, v], like,
                 share,
             )  # fmt: skip
 
@@ -827,17 +821,16 @@ def _gather(
 @kernel(parallel=True)
 def _free(
     raw: Any, gain: Any, sure: Any, rest: Any, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any,
-    node: Any, down: Any, along: Any, across: int, start: Any, out: Any,
+    node: Any, down: Any, along: Any, across: int, start: Any, out: Any, band: Band = WHOLE,
 ) -> None:  # fmt: skip
     """Samples without `rest` and what neighbours that show `values` put into them, times `gain`; filled by `sure`."""
     count, rows, columns = values.shape
-    for v in prange(rows):
+    for v in prange(rows, band):
         like, share = np.empty(columns, np.float32), np.empty(columns, np.float32)
-        row = np.int64(v)  # of one type in and out of threads: compiled once
         for n in range(count):
             foreign, before, much, freed = rest[n, v].copy(), raw[n, v], gain[n, v], out[n, v]
             _gather_row(
-                n, row, values, dark, first, source, steps, shares, node, down, along, across, start, foreign, like,
+                n, v, values, dark, first, source, steps, shares, node, down, along, across, start, foreign, like,
                 share,
             )  # fmt: skip
             for u in range(columns):

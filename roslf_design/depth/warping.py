@@ -9,7 +9,7 @@ import numpy as np
 from numpy import float32
 from numpy.typing import NDArray
 
-from .._jit import kernel, prange
+from .._jit import WHOLE, Band, kernel, prange
 
 Floats = NDArray[np.floating]
 Samples = NDArray[np.float32]
@@ -135,9 +135,9 @@ def _extend(lines: Samples) -> None:
 
 
 @kernel(parallel=True)
-def _coefficients(views: Samples, out: Samples) -> None:
+def _coefficients(views: Samples, out: Samples, band: Band = WHOLE) -> None:
     count, rows, columns = views.shape
-    for k in prange(count):
+    for k in prange(count, band):
         # So many lines at a time as lie in the nearest cache.
         lying = np.zeros((columns + 2 * _BEYOND, _LINES), float32)
         standing = np.zeros((rows + 2 * _BEYOND, _LINES), float32)
@@ -167,7 +167,7 @@ def _coefficients(views: Samples, out: Samples) -> None:
 def spline_coefficients(views: Samples) -> Samples:
     """Coefficients of each view's B-spline of degree 7, over 5040^2, three samples more on each side.
 
-    Beyond its sides a view goes on as it was before them, turned about them. Hold `THREADS`.
+    Beyond its sides a view goes on as it was before them, turned about them.
     """
     count, rows, columns = views.shape
     out = np.empty((count, rows + TAPS - 2, columns + TAPS - 2), np.float32)
@@ -215,11 +215,11 @@ def light_of_cells(light: Samples, full: Flags | None = None) -> Samples:
 @kernel(parallel=True)
 def gather_zones(
     values: Samples, light: Samples, pupil: Floats, aside: Floats, zone: Whole, picture: Floats, electrons: float,
-    read: float, out: Samples,
+    read: float, out: Samples, band: Band = WHOLE,
 ) -> None:  # fmt: skip
     """Mean value, information, pupil coordinate (2) and shift aside (2) of each zone; `out`: (zone, 6, v, u)."""
     count, rows, columns = values.shape
-    for v in prange(rows):
+    for v in prange(rows, band):
         for k in range(count):
             z = zone[k]
             for u in range(columns):
@@ -373,7 +373,7 @@ def _spread(sums: Sums, start: int, stop: int, squares: Samples, freedom: Sample
 @kernel(parallel=True)
 def spread_of_zones(
     zones: Samples, cells: Samples, picture: Samples, candidates: Lines, steps: tuple[float, float], some: Flags,
-    squares: Samples, freedom: Samples, mean: Samples,
+    squares: Samples, freedom: Samples, mean: Samples, band: Band = WHOLE,
 ) -> None:  # fmt: skip
     """Chi-square of the zones about their mean at `some` microlenses, moved by each disparity.
 
@@ -381,7 +381,7 @@ def spread_of_zones(
     weight of each four neighbours, `picture` about what zones show, so that single precision is enough.
     """
     count, _, rows, columns = zones.shape
-    for v in prange(rows):
+    for v in prange(rows, band):
         whole, sums = np.ones(count), _room(columns)
         total, moment = sums[:2]
         _whole(zones, v, whole)
@@ -403,7 +403,8 @@ def spread_of_zones(
 
 @kernel(parallel=True)
 def best_and_next(
-    squares: Samples, freedoms: Samples, best: Whole, part: Floats, least: Floats, second: Floats, level: Floats
+    squares: Samples, freedoms: Samples, best: Whole, part: Floats, least: Floats, second: Floats, level: Floats,
+    band: Band = WHOLE
 ) -> None:  # fmt: skip
     """Best candidate of each microlens by chi-square over freedom, and floors of its dip and of the next.
 
@@ -411,7 +412,7 @@ def best_and_next(
     `level` is the mean of all costs.
     """
     count, rows, columns = squares.shape
-    for v in prange(rows):
+    for v in prange(rows, band):
         most, costs = np.zeros(columns, float32), np.full((count + 2, columns), float32(math.inf))
         lowest, some = np.full(columns, float32(math.inf)), np.zeros(columns)
         for u in range(columns):
@@ -725,7 +726,7 @@ def _places(disparity: Floats, first: int, end: int) -> tuple[Whole, int]:
 def common(
     splines: Samples, cells: Samples, pupil: Floats, aside: Floats, still: bool, even: bool, chosen: Whole,
     disparity: Floats, picture: Floats, rough: Samples, peak: Floats, steps: tuple[float, float], electrons: float,
-    read: float, brightest: float, robust: float, out: Floats, slot: Whole, each: Samples,
+    read: float, brightest: float, robust: float, out: Floats, slot: Whole, each: Samples, band: Band = WHOLE,
 ) -> None:  # fmt: skip
     """Moments of chosen views about each microlens of `picture`, warped back by `disparity` and `aside`; see `SUMS`.
 
@@ -740,7 +741,7 @@ def common(
     one, zero = float32(1), float32(0)
     line, example, lines = _lines(pupil, aside, chosen, still)
     most = lines.max()
-    for tile in prange((rows + _TILE - 1) // _TILE):
+    for tile in prange((rows + _TILE - 1) // _TILE, band):
         places, total = _places(disparity, tile * _TILE, min(tile * _TILE + _TILE, rows))
         # Room for some places, had once for many of them: new pages are slow to come by.
         size = min(_TOGETHER, total)
@@ -813,7 +814,7 @@ def common(
 @kernel(parallel=True)
 def add_pulls(
     each: Samples, pupil: Floats, chosen: Whole, sums: Floats, slope_u: Floats, slope_v: Floats, known: Flags,
-    windows: Whole, square: Floats, information: Floats,
+    windows: Whole, square: Floats, information: Floats, band: Band = WHOLE,
 ) -> None:  # fmt: skip
     """Sums of squares of how views pull windows, and their information, each of shape (window, v, u).
 
@@ -821,7 +822,7 @@ def add_pulls(
     """
     rows, columns = known.shape
     beside = windows.max() // 2
-    for tile in prange((rows + _TILE - 1) // _TILE):
+    for tile in prange((rows + _TILE - 1) // _TILE, band):
         top, bottom = tile * _TILE, min(tile * _TILE + _TILE, rows)
         low, high = max(top - beside, 0), min(bottom + beside, rows)
         pull, lent = np.zeros((high - low, columns)), np.zeros((high - low, columns))

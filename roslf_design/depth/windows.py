@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._jit import THREADS, kernel, prange
+from .._jit import WHOLE, Band, kernel, prange
 from .warping import fill_holes, window_sums
 
 Array = NDArray[np.float64]
@@ -65,8 +65,7 @@ class SharedLight:
     def terms(self) -> Array:
         """Terms that windows add up of each microlens, shape (`TERMS`, v, u)."""
         terms, slopes = np.empty((TERMS, *self.disparity.shape)), self.gradient
-        with THREADS:
-            _window_terms.compiled(self.sums, *slopes, self.disparity, self.steps, terms)
+        _window_terms.compiled(self.sums, *slopes, self.disparity, self.steps, terms)
         return terms
 
     def own(self, change: Array) -> Array:
@@ -113,8 +112,7 @@ class WindowFit:
         terms = look.terms if counted is None else look.terms * counted
         near, wide = box(terms, window), box(terms, 3 * window)
         fit = np.zeros((UNDER + 1, *near.shape[1:]))
-        with THREADS:
-            _fit_windows.compiled(near, wide, look.disparity, QUORUM * window**2, look.density, fit)
+        _fit_windows.compiled(near, wide, look.disparity, QUORUM * window**2, look.density, fit)
         return cls(*fit)._beside(window // 2)
 
     @property
@@ -153,8 +151,7 @@ class WindowFit:
         """Where a window is at odds with itself or knows too little, the best beside it that holds the microlens."""
         # At the edge of what is lit, the windows about a microlens lie half in the dark.
         fit, moved = self.maps, self.maps.copy()
-        with THREADS:
-            _move_beside.compiled(fit, np.where(np.isfinite(self.sigma), self.misfit(), np.inf), reach, moved)
+        _move_beside.compiled(fit, np.where(np.isfinite(self.sigma), self.misfit(), np.inf), reach, moved)
         return WindowFit(*moved)
 
 
@@ -170,10 +167,10 @@ def carried(fit: Array, v: int, u: int, over: int, under: int) -> tuple[float, f
 
 
 @kernel(parallel=True)
-def _move_beside(fit: Array, misfit: Array, reach: int, moved: Array) -> None:
+def _move_beside(fit: Array, misfit: Array, reach: int, moved: Array, band: Band = WHOLE) -> None:
     """Put the best of the windows `reach` aside where one's `misfit` is above 1; as `WindowFit.maps`."""
     rows, columns = misfit.shape
-    for v in prange(rows):
+    for v in prange(rows, band):
         for u in range(columns):
             if not misfit[v, u] > 1:
                 continue
@@ -228,10 +225,10 @@ def row_terms(
 @kernel(parallel=True)
 def _window_terms(
     sums: Array, slope_u: Array, slope_v: Array, known: Flags, disparity: Array, steps: tuple[float, float],
-    terms: Array,
+    terms: Array, band: Band = WHOLE,
 ) -> None:  # fmt: skip
     """As `row_terms`, of all rows: shape (`TERMS`, v, u)."""
-    for v in prange(disparity.shape[0]):
+    for v in prange(disparity.shape[0], band):
         row_terms(sums, slope_u, slope_v, known, disparity, steps, v, terms[:, v])
 
 
@@ -299,10 +296,12 @@ def fit_window(
 
 
 @kernel(parallel=True)
-def _fit_windows(near: Array, wide: Array, disparity: Array, quorum: float, density: float, fit: Array) -> None:
+def _fit_windows(
+    near: Array, wide: Array, disparity: Array, quorum: float, density: float, fit: Array, band: Band = WHOLE
+) -> None:
     """As `fit_window`, of all windows."""
     rows, columns = disparity.shape
-    for v in prange(rows):
+    for v in prange(rows, band):
         for u in range(columns):
             fit_window(near[:, v, u], wide[:, v, u], v, u, disparity[v, u], quorum, density, v, fit)
 
@@ -353,8 +352,7 @@ def gradient(picture: Array, lit: Flags, steps: tuple[float, float]) -> tuple[Ar
     from scipy import ndimage
 
     filled = picture.astype(np.float32)[None]
-    with THREADS:
-        fill_holes.compiled(filled, lit.astype(np.float32)[None])
+    fill_holes.compiled(filled, lit.astype(np.float32)[None])
     slopes = []
     for axis, step in ((1, steps[0]), (0, steps[1])):
         spline = ndimage.spline_filter1d(filled[0].astype(float), 5, axis=axis, mode="mirror")

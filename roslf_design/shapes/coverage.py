@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from .._jit import THREADS, kernel, prange
+from .._jit import WHOLE, Band, kernel, prange
 from .discs import checked
 from .pieces import ARC, DX, DY, EDGE, PIECE, X, Y, bound, lay_edges
 
@@ -121,8 +121,7 @@ def coverage_image(
     arguments = (axis, centre, radius, corner, *origin, pixel, low_row, low_column, int(across.max()) + 4, whole)
     pixels = int(((across + 2) ** 2).sum())
     if parallel and pixels >= PARALLEL_FROM:
-        with THREADS:
-            coverage_bands.compiled(*arguments, min(len(image), BANDS))
+        coverage_bands.compiled(*arguments, min(len(image), BANDS))
     elif coverage.pays(PIXEL * pixels):
         coverage.compiled(*arguments)
     else:
@@ -562,10 +561,11 @@ def coverage_bands(
     side: int,
     image: Image,
     bands: int,
+    band: Band = WHOLE,
 ) -> None:
     """`coverage` by horizontal bands of the image, one thread each: the same image to the last bit."""
     height = image.shape[0]
-    for b in prange(bands):
+    for b in prange(bands, band):
         low = height * b // bands
         high = height * (b + 1) // bands
         coverage(

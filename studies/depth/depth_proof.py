@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as `roslf` has it: threads that wait count as work
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,10 +1,10 @@
 """Errors of disparities whose noise only views tell: against their scatter, where noise is alike and surfaces bend."""
 
-import numba
 import numpy as np
 import pytest
 from scipy import ndimage
 
+from roslf_design import _jit
 from roslf_design.depth.estimate import PixelNoise, estimate_disparity
 from roslf_design.depth.geometry import GridGeometry
 from tests.depth.made import Texture, field_of, sharp
@@ -71,16 +71,13 @@ def test_a_bend_within_a_window_is_taken_off_and_half_of_it_counts_as_an_error()
     assert np.mean(ratio < 2) > 0.9
 
 
-def test_answers_are_the_same_bytes_on_any_number_of_threads_and_with_weights_that_take_no_room():
+def test_answers_are_the_same_bytes_on_any_number_of_threads_and_with_weights_that_take_no_room(monkeypatch):
     step = np.where(np.arange(SIZE[1]) < SIZE[1] / 2, seen(1.2, 3), seen(-0.8, 4))  # which is looked past
     views = step + np.random.default_rng(0).normal(0, NOISE, step.shape).astype(np.float32)
-    runs, before = [], numba.get_num_threads()
-    try:
-        for threads in {1, numba.config.NUMBA_NUM_THREADS}:
-            numba.set_num_threads(threads)
-            runs += [estimate(views, NOISE), estimate(views, NOISE, np.broadcast_to(np.float32(1), views.shape))]
-    finally:
-        numba.set_num_threads(before)
+    runs = []
+    for threads in (1, 3):
+        monkeypatch.setattr(_jit, "threads", lambda threads=threads: threads)
+        runs += [estimate(views, NOISE), estimate(views, NOISE, np.broadcast_to(np.float32(1), views.shape))]
     assert runs[0].measured.mean() > 0.9
     for other in runs[1:]:
         for name in ("disparity", "sigma", "status", "chi2", "views", "picture"):
