@@ -309,7 +309,7 @@ def _shared(machine: Any) -> Callable[..., Any]:
         if not machine.overloads:  # compiled here, where Ctrl-C ends it
             machine.compile(tuple(map(machine.typeof_pyval, (*args, WHOLE))))
         count = threads()
-        bands = [_others().submit(machine, *args, (band, count)) for band in range(1, count)]
+        bands = [_others().submit(partial(machine, *args, (band, count))) for band in range(1, count)]
         result = machine(*args, (0, count))
         for band in bands:
             band.result()
