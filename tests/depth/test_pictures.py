@@ -124,6 +124,6 @@ def test_rays_behind_a_lens_scatter_less_than_light_where_images_are_sharper_tha
     camera, (width, height) = Camera.of(design.thin_twin), design.pixels
     part = (width // 2 - 20, height // 2 - 20, 40, 40)
     (some,), white = pictures(design, (1,), rays_for(camera), part)
-    (many,), _ = pictures(design, (1,), 32 * rays_for(camera), part)
+    (many,), _ = pictures(design, (1,), 8 * rays_for(camera), part)
     scatter = float(np.sqrt((inner(some - many) ** 2).mean()) / inner(many).mean() * inner(white).mean())
     assert scatter < 0.2 / np.sqrt(float(electrons(camera)))

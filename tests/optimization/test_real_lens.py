@@ -128,14 +128,13 @@ def test_a_field_of_the_whole_camera_is_held_as_rays_tell_it(without_views):
     assert abs(alone / known - 1) > 0.05
 
 
-@pytest.mark.parametrize("least", [0.5, 3.0])
-def test_the_widest_aperture_that_is_sharp_is_where_a_scan_by_rays_finds_it(least):
+def test_the_widest_aperture_that_is_sharp_is_where_a_scan_by_rays_finds_it():
     """The singlet is this sharp between about 3.8 and 4.7 mm, and searches start far from there."""
     scanned = np.geomspace(4.5, 4.9, 9)
     detail = roslf.quantity("mtf50_lp_per_mm")
     sharp = [FieldImages.of(SINGLET.replace(D_F=float(each))).told(detail, None) for each in scanned]
     limit, goal = Constraint(quantity=detail.name, min=3.38), Goal(quantity="f_number_pupil", direction="min")
-    answer = solve_by_rays(posed({"D_F": (least, 20)}, [limit], goal, design=SINGLET), Settings(starts=1, check=False))
+    answer = solve_by_rays(posed({"D_F": (0.5, 20)}, [limit], goal, design=SINGLET), Settings(starts=1, check=False))
     assert answer.optimal
     assert answer.residual < 1e-4
     assert answer.variables()["D_F"] == pytest.approx(np.interp(-3.38, np.negative(sharp), scanned), rel=1e-4)
