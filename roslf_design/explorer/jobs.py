@@ -112,7 +112,7 @@ class ProcessJob(Generic[Result]):
     """
 
     def __init__(self, work: Callable[[Any, Tell], Result], request: Any) -> None:
-        # Not fork: the program holds threads (the web server's, numba's) that a forked child would inherit half-alive.
+        # Not fork: the program holds threads (the web server's, kernels') that a forked child would inherit half-alive.
         context = multiprocessing.get_context("spawn")
         self._receiver, sender = context.Pipe(duplex=False)
         self._process = context.Process(target=_run, args=(sender, work, request), daemon=True)

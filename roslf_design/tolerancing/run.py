@@ -197,7 +197,7 @@ def run_chunks(work: Work, indices: Sequence[int], where: WorkerSettings) -> Gen
 def _in_pool(work: Work, indices: Sequence[int], workers: int) -> Iterator[tuple[int, bytes]]:
     """A worker that dies takes the pool with it: the pool is rebuilt and unfinished chunks run again."""
     left, deaths = dict.fromkeys(indices), 0
-    # Not fork: the parent may hold threads (progress bar, numba) that a forked child would inherit half-alive.
+    # Not fork: the parent may hold threads (progress bar, kernels) that a forked child would inherit half-alive.
     context = multiprocessing.get_context("spawn")
     while left:
         pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_ready_for_work)
