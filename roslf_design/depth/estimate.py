@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
 
 from ..calibration.decoding import LightField
 from .bends import window_bends
@@ -353,6 +354,10 @@ def estimate_disparity(
         reliable = (fit.sigma < 2 * largest_sigma) & np.isfinite(fit.disparity)
         target = np.where(reliable, fit.disparity, look.disparity)
         disparity = np.clip(look.disparity + np.clip(target - look.disparity, -0.5, 0.5), *bound)
+    begun = replace(first, disparity=disparity, picture=picture, corrected=True)
+    if passes <= ROUGH and not noise.measured:  # noise is told by windows that hold no step
+        left = np.where(views.lit > 0, np.maximum(fit.chi2, fit.strain), 0)
+        return replace(_unlit(views, window, (low, high)), chi2=left, begun=begun)
     pulled = every.pulled(look, (window, *SIZES)) if noise.measured else None
     if pulled is not None:
         pulled[0] = pulled[0][fit.middles]
@@ -360,11 +365,11 @@ def estimate_disparity(
     judged = _judged(
         fit, look, views, noise, first.alike(noise), window, (low, high), largest_sigma, largest_chi2, alike
     )
-    judged = replace(judged, begun=replace(first, disparity=disparity, picture=picture, corrected=True))
+    judged = replace(judged, begun=begun)
     pooled = None
     if pulled is not None:
         judged, pooled = _with_errors_of_views(judged, pulled, fit)
-    if not edges and (noise.measured or passes <= ROUGH):  # noise is told by windows that hold no step
+    if not edges and noise.measured:
         return judged
     if not edges:
         step = parted(look, fit, window, judged.error, lambda along: every.look([(whole, along)], picture))
@@ -373,7 +378,8 @@ def estimate_disparity(
     wanted = (judged.status == DisparityStatus.INCONSISTENT) | (judged.status == DisparityStatus.OUT_OF_RANGE)
     wanted |= (judged.status == DisparityStatus.AMBIGUOUS) & (fit.misfit(largest_chi2) > 1)
     level = noise_by_texture(fit.chi2, look.picture, window) if noise.measured else np.ones(views.shape)
-    return _with_edges(judged, wanted, look, first, Limits(largest_sigma, pooled, level))
+    limits = Limits(largest_sigma, pooled, level, ndimage.minimum_filter(level, SIZES[0]))
+    return _with_edges(judged, wanted, look, first, limits)
 
 
 def _by_sides(judged: DisparityMap, step: Parted, largest_sigma: float, largest_chi2: float) -> DisparityMap:
@@ -473,8 +479,6 @@ class _AllViews:
         apart: NDArray[np.int64], each: Pictures,
     ) -> None:  # fmt: skip
         """Sums of chosen views along a disparity, as `common` makes them, and what each of those `apart` shows."""
-        from scipy import ndimage
-
         views, noise = self.views, self.noise
         finite = math.isfinite(noise.saturation)
         peak = ndimage.maximum_filter(picture, 5) if finite else picture
@@ -559,7 +563,10 @@ class _Views:
         if beside.ndim == 2:
             beside = np.broadcast_to(beside[:, :, None, None], (2, *values.shape))
         used = held[usable]
-        good = known & np.isfinite(values) & (used > 0)
+        good = known & (used > 0)
+        with np.errstate(over="ignore", invalid="ignore"):
+            whole = math.isfinite(values.sum())  # in a fifth of the time
+        good = good if whole else good & np.isfinite(values)
         good = np.broadcast_to(np.True_, values.shape) if good.all() else good
         full: Flags = np.broadcast_to(np.zeros((), np.bool_), values.shape)
         if noise.saturation < math.inf:
@@ -652,8 +659,6 @@ def _checked(name: str, values: ArrayLike, field: LightField) -> Pictures:
 
 def saturated(field: LightField, noise: PixelNoise) -> Flags:
     """Samples that are saturated, or would be about as often as not where the light about them is as bright."""
-    from scipy import ndimage
-
     if noise.saturation == math.inf:
         return np.zeros(field.values.shape, np.bool_)
     charge = field.weight * np.float32(noise.electrons)
@@ -721,11 +726,13 @@ class _Zones(NamedTuple):
     picture: Array
     views: _Views
     """Views that were grouped."""
+    reach: float
+    """Largest pupil coordinate."""
 
     @classmethod
     def of(cls, views: _Views, noise: PixelNoise, largest: float, coarse: bool = False) -> _Zones:
         """Groups of views, or where these are few or move far each, to search disparities up to `largest`."""
-        if views.aside.any():
+        if (views.aside[..., :1, :1] if views.still else views.aside).any():
             largest += 2 * float(np.abs(views.aside).max())
         zone, count = views.zones(largest)
         if count == len(views.grid) >= _MANY:
@@ -742,7 +749,8 @@ class _Zones(NamedTuple):
         )  # fmt: skip
         light = zones[:, 1]
         above, below = (np.minimum(each[..., :-1], each[..., 1:]) for each in (light[:, :-1], light[:, 1:]))
-        return cls(zones, np.minimum(above, below), overall, views)
+        reach = float(np.abs(np.where(zones[:, 1:2] > 0, zones[:, 2:4], 0)).max())
+        return cls(zones, np.minimum(above, below), overall, views, max(reach, 1e-3))
 
     def some(self, chosen: Flags) -> _Zones:
         """Some of them."""
@@ -753,8 +761,7 @@ class _Zones(NamedTuple):
 
         `apart` is in microlenses.
         """
-        reach = max(float(np.abs(np.where(self.zones[:, 1:2] > 0, self.zones[:, 2:4], 0)).max()), 1e-3)
-        steps = max(2, math.ceil((high - low) * reach / (apart * min(self.views.steps))))
+        steps = max(2, math.ceil((high - low) * self.reach / (apart * min(self.views.steps))))
         return low + (high - low) / steps * np.arange(-1.0, steps + 2)
 
 
@@ -766,11 +773,9 @@ def _searched(
 
     `coarse`: of microlenses four by four together; `groups`, where these are made.
     """
-    from scipy import ndimage
-
     views, noise = every.views, every.noise
     groups = _Zones.of(views, noise, max(abs(low), abs(high)), coarse) if groups is None else groups
-    zones, cells, overall, some = groups
+    zones, cells, overall, some, _ = groups
     candidates = groups.between(low, high, _APART[coarse])
     shape, fine, size, step = overall.shape, views.shape, 1 + coarse, float(candidates[1] - candidates[0])
     window = window // 2 | 1 if coarse else window

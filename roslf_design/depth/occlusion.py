@@ -61,11 +61,8 @@ class Limits(NamedTuple):
     """How much more windows of `SIZES` vary than if noise were each sample's own, where views tell it."""
     level: Array
     """Chi-square of windows that see one surface."""
-
-    @property
-    def lowest(self) -> Array:
-        """Least of it near each microlens."""
-        return np.asarray(ndimage.minimum_filter(self.level, SIZES[0]))
+    lowest: Array
+    """Least of it near each microlens."""
 
 
 class Quarter(NamedTuple):
@@ -532,7 +529,11 @@ def _behind(
         light.settle(own, SIZES[1], untried, surface)
     wrong: Flags = beside & (behind.least < _CLEARLY * here.least)
     found.sigma[wrong] = np.inf
-    found.take(look(_parts(quarters, behind), first.picture), wrong, limits)
+    # Windows that hold one, and as much again for slopes.
+    near = ndimage.maximum_filter(wrong, 2 * SIZES[0] + 1)
+    parts = [(views, np.where(near, along, np.nan)) for views, along in _parts(quarters, behind)]
+    if wrong.any():
+        found.take(look(parts, first.picture), wrong, limits)
     return wrong
 
 

@@ -53,8 +53,8 @@ _BEYOND = 16
 """Samples that a view is continued beyond its sides before it is made a spline: 0.65^16 of an error comes back."""
 _VECTOR = 16
 """Samples that the widest vectors hold."""
-_RUN = 4
-"""Samples in a row from which vectors along rows pay."""
+_SHORT = 4
+"""Samples of those that a few in a row take."""
 _LINES = 32
 """Lines that are made splines together, a multiple of `_VECTOR`."""
 _TILE = 16
@@ -212,6 +212,20 @@ def light_of_cells(light: Samples, full: Flags | None = None) -> Samples:
     return np.asarray(mean)
 
 
+@kernel(apart=True)
+def _add_weighted(values: Samples, weight: Samples, less: Samples, to: Samples) -> None:
+    """Add values beyond others, times their weights, to a row; what has none may be no number."""
+    for u in range(to.size):
+        to[u] += weight[u] * (values[u] - less[u]) if weight[u] > float32(0) else float32(0)
+
+
+@kernel(apart=True)
+def _divide(to: Samples, weight: Samples) -> None:
+    """Divide sums along a row by their weights, if any."""
+    for u in range(to.size):
+        to[u] = to[u] / max(weight[u], float32(1e-30))
+
+
 @kernel(parallel=True)
 def gather_zones(
     values: Samples, light: Samples, pupil: Floats, aside: Floats, zone: Whole, picture: Floats, electrons: float,
@@ -220,25 +234,27 @@ def gather_zones(
     """Mean value, information, pupil coordinate (2) and shift aside (2) of each zone; `out`: (zone, 6, v, u)."""
     count, rows, columns = values.shape
     for v in prange(rows, band):
+        lit, expected, weight, root = _zeros(columns), _zeros(columns), _zeros(columns), _zeros(columns)
+        for u in range(columns):
+            expected[u] = picture[v, u]
         for k in range(count):
             z = zone[k]
             for u in range(columns):
-                if light[k, v, u] > 0:
-                    lit = electrons * light[k, v, u]
-                    weight = lit * lit / max(lit * picture[v, u] + read * read, 1.0)
-                    out[z, 0, v, u] += weight * (values[k, v, u] - picture[v, u])
-                    out[z, 1, v, u] += weight
-                    out[z, 2, v, u] += weight * pupil[0, k, v, u]
-                    out[z, 3, v, u] += weight * pupil[1, k, v, u]
-                    out[z, 4, v, u] += weight * aside[0, k, v, u]
-                    out[z, 5, v, u] += weight * aside[1, k, v, u]
-        for z in range(out.shape[0]):
+                lit[u] = light[k, v, u] * float32(electrons)
+            _inform(lit, expected, float32(read * read), weight, root)
+            _add_weighted(values[k, v], weight, expected, out[z, 0, v])
             for u in range(columns):
-                weight = out[z, 1, v, u]
-                if weight > 0:
-                    out[z, 0, v, u] = out[z, 0, v, u] / weight + picture[v, u]
-                    for a in range(2, 6):
-                        out[z, a, v, u] /= weight
+                out[z, 1, v, u] += weight[u]
+                root[u] = 0.0
+            for axis in range(2):
+                _add_weighted(pupil[axis, k, v], weight, root, out[z, 2 + axis, v])
+                _add_weighted(aside[axis, k, v], weight, root, out[z, 4 + axis, v])
+        for z in range(out.shape[0]):
+            for a in range(2, 6):
+                _divide(out[z, a, v], out[z, 1, v])
+            _divide(out[z, 0, v], out[z, 1, v])
+            for u in range(columns):
+                out[z, 0, v, u] += expected[u] if out[z, 1, v, u] > 0 else float32(0)
 
 
 @kernel()
@@ -259,6 +275,9 @@ def clear(to: NDArray[np.floating]) -> None:
 def window_sums(values: NDArray[np.floating], window: int, out: NDArray[np.floating]) -> None:
     """Sums over the window about each place of pictures, as far as it lies in them; shape (picture, v, u)."""
     count, rows, columns = values.shape
+    # A wide one is three side by side.
+    part, times = (window // 3, 3) if window % 3 == 0 else (window, 1)
+    beside = np.zeros(columns + window - part)
     reach, down, total = window // 2, np.zeros(columns + window), np.zeros(columns)
     inner = down[reach : reach + columns]
     for k in range(count):
@@ -269,9 +288,12 @@ def window_sums(values: NDArray[np.floating], window: int, out: NDArray[np.float
             if v > reach:
                 add(values[k, v - reach - 1], -1.0, inner)
             if v >= 0:
+                clear(beside)
                 clear(total)
-                for a in range(window):
-                    add(down[a:], 1.0, total)
+                for a in range(part):
+                    add(down[a:], 1.0, beside)
+                for a in range(times):
+                    add(beside[a * part :], 1.0, total)
                 for u in range(columns):
                     out[k, v, u] = total[u]
 
@@ -464,17 +486,17 @@ def _row(
 def _interpolate(
     spline: Samples, left: Whole, above: Whole, ends: Whole, stops: Whole, across: Samples, down: Samples, out: Samples
 ) -> None:
-    """A view at places beyond samples (left, above), in runs of them inside that are long, by taps across and down."""
+    """A view at places beyond samples (left, above), in runs of them inside, by taps across and down."""
     end = 0
     while end < out.size:
         # Those that read neighbours are done in one go, which the compiler makes vectors of.
         u, end = end, min(ends[end], stops[end])
         v, start = above[u], left[u]
-        if v < 0 or start < 0 or end - u < _RUN:
+        if v < 0 or start < 0:
             continue
-        # Whole vectors, if half of the first is needed: what lies beyond its run is written over by the next.
-        count = (end - u + _VECTOR - 1) // _VECTOR * _VECTOR if 2 * (end - u) >= _VECTOR else end - u
-        count = min(count, out.size - u, spline.shape[1] - TAPS + 1 - start)
+        # Whole vectors, short ones for short runs: what lies beyond its run is written over by the next.
+        vector = _SHORT if end - u <= 2 * _SHORT else _VECTOR
+        count = min((end - u + vector - 1) // vector * vector, out.size - u, spline.shape[1] - TAPS + 1 - start)
         some, wide, values = slice(u, u + count), slice(start, start + count + TAPS - 1), out[u : u + count]
         first, second, third, fourth = spline[v, wide], spline[v + 1, wide], spline[v + 2, wide], spline[v + 3, wide]
         fifth, sixth, seventh, last = spline[v + 4, wide], spline[v + 5, wide], spline[v + 6, wide], spline[v + 7, wide]
@@ -489,36 +511,6 @@ def _interpolate(
                 + o[i] * _row(fifth, i, a, b, c, d, e, f, g, h) + p[i] * _row(sixth, i, a, b, c, d, e, f, g, h)
                 + q[i] * _row(seventh, i, a, b, c, d, e, f, g, h) + r[i] * _row(last, i, a, b, c, d, e, f, g, h)
             )  # fmt: skip
-
-
-@kernel(apart=True)
-def _interpolate_each(
-    spline: Samples, left: Whole, above: Whole, ends: Whole, stops: Whole, across: Samples, down: Samples,
-    column: Samples, out: Samples,
-) -> None:  # fmt: skip
-    """As `_interpolate`, in runs that are short: of each place vectors of the samples along a row."""
-    end = 0
-    while end < out.size:
-        u, end = end, min(ends[end], stops[end])
-        for i in range(u, end if above[u] >= 0 and left[u] >= 0 and end - u < _RUN else u):
-            v, wide = above[i], slice(left[i], left[i] + TAPS)
-            first, second, third, fourth = (
-                spline[v, wide],
-                spline[v + 1, wide],
-                spline[v + 2, wide],
-                spline[v + 3, wide],
-            )
-            fifth, sixth, seventh = spline[v + 4, wide], spline[v + 5, wide], spline[v + 6, wide]
-            last, a, b, c, d = spline[v + 7, wide], down[0, i], down[1, i], down[2, i], down[3, i]
-            e, f, g, h = down[4, i], down[5, i], down[6, i], down[7, i]
-            for j in range(column.size):  # a number here would be unrolled, not made vectors of
-                column[j] = (
-                    a * first[j] + b * second[j] + c * third[j] + d * fourth[j]
-                    + e * fifth[j] + f * sixth[j] + g * seventh[j] + h * last[j]
-                )  # fmt: skip
-            total = across[0, i] * column[0] + across[1, i] * column[1] + across[2, i] * column[2]
-            total += across[3, i] * column[3] + across[4, i] * column[4] + across[5, i] * column[5]
-            out[i] = total + across[6, i] * column[6] + across[7, i] * column[7]
 
 
 @kernel(apart=True)
@@ -746,7 +738,6 @@ def common(
         # Room for some places, had once for many of them: new pages are slow to come by.
         size = min(_TOGETHER, total)
         room, sums, pupils = np.zeros((8, size), float32), np.zeros((SUMS, size), float32), np.ones((2, size), float32)
-        column = np.zeros(TAPS, float32)
         first, ends = np.zeros((2, most, size), np.int64), np.zeros((2, most, size), np.int64)
         taps, parts = np.zeros((2, most, TAPS, size), float32), np.zeros((2, most, size), float32)
         inside, kept = np.zeros((2, most, size), float32), np.zeros((2, most, size), float32)
@@ -795,9 +786,6 @@ def common(
                     _inform(light, expected, float32(read * read), whole, root)
                 _doubt(unseen[0, g], bent[0], unseen[1, h], bent[1], float32(chosen.size), whole, lit)
                 _interpolate(splines[k], left, above, ends[0, g], ends[1, h], taps[0, g], taps[1, h], value)
-                _interpolate_each(
-                    splines[k], left, above, ends[0, g], ends[1, h], taps[0, g], taps[1, h], column, value
-                )
                 _weigh(lit, expected, whole, root, float32(robust), value, weight)
                 if slot[k] >= 0:
                     shown, weights = each[slot[k], 0], each[slot[k], 1]

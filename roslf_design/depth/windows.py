@@ -113,13 +113,13 @@ class WindowFit:
         near, wide = box(terms, window), box(terms, 3 * window)
         fit = np.zeros((UNDER + 1, *near.shape[1:]))
         _fit_windows.compiled(near, wide, look.disparity, QUORUM * window**2, look.density, fit)
-        return cls(*fit)._beside(window // 2)
+        return cls(*fit)._beside(window // 2, near[: UNDER + 1])
 
     @property
     def maps(self) -> Array:
         """All of them, shape (field, v, u), which they are parts of."""
         assert self.disparity.base is not None
-        return self.disparity.base
+        return self.disparity.base[: UNDER + 1]
 
     def misfit(self, least: float = 0.0, level: Array | float = 1.0) -> Array:
         """Larger of `chi2`, over a `level`, and `strain` against what chance, or `least`, allows: above 1 is at odds.
@@ -147,10 +147,14 @@ class WindowFit:
             return np.asarray(np.sqrt(np.maximum(own, sure)))
         return np.sqrt(np.maximum(np.maximum(alike * self.chi2, np.where(self.spare > 3, self.strain, 0)), 1e-12))
 
-    def _beside(self, reach: int) -> WindowFit:
-        """Where a window is at odds with itself or knows too little, the best beside it that holds the microlens."""
+    def _beside(self, reach: int, moved: Array) -> WindowFit:
+        """Where a window is at odds with itself or knows too little, the best beside it that holds the microlens.
+
+        Put into `moved`: new room of that size takes longer than all of it.
+        """
         # At the edge of what is lit, the windows about a microlens lie half in the dark.
-        fit, moved = self.maps, self.maps.copy()
+        fit = self.maps
+        np.copyto(moved, fit)
         _move_beside.compiled(fit, np.where(np.isfinite(self.sigma), self.misfit(), np.inf), reach, moved)
         return WindowFit(*moved)
 
