@@ -350,7 +350,7 @@ def estimate_disparity(
         kept = seen[2] if seen is not None and seen[:2] == (half, robust) else None
         look = every.look([(other if half else whole, disparity)], picture, robust, kept)
         seen = half, robust, look
-        picture, fit = look.picture, WindowFit.of(look, window)
+        picture, fit = look.picture, WindowFit.of(look, window, rough=coarse and fresh)
         reliable = (fit.sigma < 2 * largest_sigma) & np.isfinite(fit.disparity)
         target = np.where(reliable, fit.disparity, look.disparity)
         disparity = np.clip(look.disparity + np.clip(target - look.disparity, -0.5, 0.5), *bound)
@@ -802,7 +802,7 @@ def _searched(
         # One correction of these costs a quarter of one of all pixels.
         chosen = np.ones(len(some.grid), np.bool_)
         look = replace(every, views=some).look([(chosen, start)], picture, robust=False)
-        picture, fit = look.picture, WindowFit.of(look, window)
+        picture, fit = look.picture, WindowFit.of(look, window, rough=True)
         start = np.clip(np.where(np.isfinite(fit.sigma), fit.disparity, start), start - 0.5, start + 0.5)
     if coarse:
         down, along = (np.minimum(np.arange(n) // 2, n // 2 - 1) for n in fine)

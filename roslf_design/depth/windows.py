@@ -104,13 +104,13 @@ class WindowFit:
     under: Array
 
     @classmethod
-    def of(cls, look: SharedLight, window: int, counted: Flags | None = None) -> WindowFit:
+    def of(cls, look: SharedLight, window: int, counted: Flags | None = None, rough: bool = False) -> WindowFit:
         """Least squares over windows of what each microlens says of the disparity about which it was linearised.
 
-        `counted`: by these microlenses alone.
+        `counted`: by these microlenses alone; `rough`: windows lie in no wider one's plane.
         """
         terms = look.terms if counted is None else look.terms * counted
-        near, wide = box(terms, window), box(terms, 3 * window)
+        near, wide = box(terms, window), box(terms[:0] if rough else terms, 3 * window)
         fit = np.zeros((UNDER + 1, *near.shape[1:]))
         _fit_windows.compiled(near, wide, look.disparity, QUORUM * window**2, look.density, fit)
         return cls(*fit)._beside(window // 2, near[: UNDER + 1])
