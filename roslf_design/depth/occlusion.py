@@ -44,7 +44,7 @@ _FATTENED = 7
 _CLEARLY = 0.6
 """Chi-square along the farther surface, over that along the nearer, below which a microlens shows the farther: chosen
 on rendered light fields and a Lytro's, where noise alone makes the two alike."""
-_NEAR = 2
+_NEAR = 3
 """Microlenses beside those wanted that are looked at as well, for windows that hold these."""
 _TILE = 32
 """Rows that are worked out one after the other, by one thread."""
