@@ -30,20 +30,36 @@ from ..reporting.tolerance.pages import (
     tolerance_report,
 )
 from ..tables import plain_text
-from ..tolerancing.result import analyse, precision, save_worst, trial_arrays, trials_for
+from ..tolerancing.result import analyse, builds_of_analyses, precision, save_worst, trial_arrays, trials_for
 from ..tolerancing.run import ChunkLostError, WorkerSettings, run_trials
 from ..tolerancing.study import RunOptions
 from ..tolerancing.tally import npz_bytes
+from ..tolerancing.trials import measure_uniforms
 from ..words import sentence
 from .results import picture_files, print_blocks
-from .terminal import Flag, Flat, Json, Output, check_options, say, spelled, status_and_bars, typed, write_files
+from .terminal import (
+    Flag,
+    Flat,
+    Json,
+    Output,
+    check_options,
+    say,
+    spelled,
+    status_and_bars,
+    tell_cost,
+    typed,
+    write_files,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from ..tolerancing.result import StudyResult
+    from ..tolerancing.study import TolerancePlan
 
 MOST_WORKERS = 512
+PILOT = 64
+"""Builds that tell how long one takes."""
 OPTIONS = RunOptions()
 
 
@@ -88,6 +104,9 @@ def tolerance(
     check_options(folder=output, title=f"Tolerances of {plan.question.design.name}")
     if misses := plan.nominal_misses():
         say(f"roslf: the nominal design itself misses {', '.join(misses)}: its builds will, too", error=True)
+    if plan.dear:
+        builds = plan.trials + sum(builds_of_analyses(plan, description, grades))
+        tell_cost(builds * _seconds_a_build(plan), f"{builds:,} builds are traced, their depth errors summed")
     resume = resume or not (output / "results.json").exists()  # one that was killed left chunks alone
     where = WorkerSettings(workers or _workers(plan.chunks), scheduler)
     with status_and_bars("tolerance") as tell:
@@ -171,6 +190,15 @@ def _lines(data: dict[str, object]) -> str:
     """JSON with one line a key: short, and still readable by a difference."""
     rows = (f'"{key}": {json_module.dumps(value, allow_nan=False, ensure_ascii=False)}' for key, value in data.items())
     return spelled("{\n" + ",\n".join(rows) + "\n}")
+
+
+def _seconds_a_build(plan: TolerancePlan) -> float:
+    """Processor time that a build takes, about, once all is compiled [s]."""
+    drawn = plan.draws.uniforms(0, plan.chunk, 0, PILOT)
+    measure_uniforms(plan, drawn)
+    began = time.process_time()
+    measure_uniforms(plan, drawn)
+    return (time.process_time() - began) / PILOT
 
 
 def _workers(chunks: int) -> int:

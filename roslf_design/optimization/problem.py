@@ -151,6 +151,12 @@ class DesignProblem:
         """Whether a goal or limit takes milliseconds: depth errors predicted from light and texture, traced rays."""
         return self.traced or any(self._summed(part.quantity) for part in (*self.goals, *self.constraints))
 
+    @property
+    def dear(self) -> bool:
+        """Whether depth errors of a design take milliseconds whose rays through a real lens are looked at as well."""
+        rays = self.by_rays or self.traced
+        return rays and any(self._summed(part.quantity) for part in (*self.goals, *self.constraints))
+
     def _summed(self, quantity: Quantity) -> bool:
         return quantity.numeric and quantity.monotone_with not in self.base.numbers
 

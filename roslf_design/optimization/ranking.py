@@ -202,7 +202,7 @@ class _Ranker:
         Rays are traced from its optimum on, and from other starts where that holds the limits. Beside them the problem,
         with what rays tell of the whole camera where they end, and with those limits alone that were looked at.
         """
-        problem, part, near = reached_untraced(problem, begin[0], self.seed, self._searched)
+        problem, part, near = reached_untraced(problem, begin[0], self.seed, self._searched, self.budget)
         if not near.feasible:
             rows = np.nan_to_num(problem.limits(near.unit[None])[:, 0], nan=BIG)
             return [replace(near, violation=violation_of(rows))], problem, part

@@ -10,7 +10,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -114,11 +114,22 @@ class SearchBudget:
     the same point."""
     deadline: float = math.inf
     """On the monotonic clock [s], where somebody asked for one."""
+    each: int = 0
+    """Evaluations that each design counts for besides, those for derivatives too: 0 where they take no time."""
 
     @classmethod
-    def of(cls, evaluations: float, seconds: float | None) -> SearchBudget:
+    def of(cls, evaluations: float, seconds: float | None, each: int = 0) -> SearchBudget:
         """Budget from now on."""
-        return cls(evaluations, math.inf if seconds is None else time.monotonic() + seconds)
+        return cls(evaluations, math.inf if seconds is None else time.monotonic() + seconds, each)
+
+    def counting(self, rows: Vector) -> Vector:
+        """Rows whose designs are taken from the budget as they are tried."""
+
+        def counted(units: Array) -> Array:
+            self.evaluations -= self.each * len(units)
+            return rows(units)
+
+        return counted if self.each else rows
 
     @property
     def ended(self) -> Literal["", "evaluations", "seconds"]:
@@ -127,13 +138,15 @@ class SearchBudget:
             return "evaluations"
         return "seconds" if time.monotonic() > self.deadline else ""
 
-    def at_most(self, evaluations: int) -> SearchBudget:
-        """Budget of a search that tries so many points at most, its start among them."""
-        return SearchBudget(min(self.evaluations, evaluations - 1), self.deadline)
+    def at_most(self, evaluations: int, designs: int = 1) -> SearchBudget:
+        """Budget of a search that tries so many points at most, its start among them, each by so many designs."""
+        left = self.evaluations / max(self.each * designs, 1)
+        return SearchBudget(min(left, evaluations - 1), self.deadline)
 
     def at_least(self, evaluations: float, seconds: float) -> SearchBudget:
         """Budget with at least so much left."""
-        return SearchBudget(max(self.evaluations, evaluations), max(self.deadline, time.monotonic() + seconds))
+        deadline = max(self.deadline, time.monotonic() + seconds)
+        return replace(self, evaluations=max(self.evaluations, evaluations), deadline=deadline)
 
 
 @dataclass
@@ -242,7 +255,7 @@ def slsqp(guard: Guard, start: ArrayLike, evaluations: int = 300, ftol: float = 
     if ftol > FTOL:
         optimiser.set_ftol_abs(ftol)
     optimiser.set_xtol_rel(XTOL)
-    _run(optimiser, begin, XTOL, guard.budget.at_most(evaluations))
+    _run(optimiser, begin, XTOL, guard.budget.at_most(evaluations, 1 + 2 * len(begin)))
 
 
 def globally(
@@ -394,6 +407,8 @@ def least_violation(
 
     best: tuple[float, float, Array, Array] | None = None
     for start in starts:
+        if best is not None and guard.budget.ended:
+            break
         inner = Guard(relaxed, guard.budget, roughly=guard.roughly)
         over = np.maximum(guard.rows(_inside(start))[0][1:], 0.0)
         slsqp(inner, np.concatenate([start, over[soft] * 1.01 / LARGEST_SLACK]), evaluations, COARSE)

@@ -59,6 +59,8 @@ BESIDE = 1e-2
 """Distance in the unit box over which a goal that rays tell must gain less than `SETTLED` at an optimum."""
 AROUND = 10
 """Evaluations for each variable, at most, of a search between points where rays told."""
+DEAR = 15
+"""Evaluations of a budget that a design counts for whose depth errors are summed behind a real lens."""
 DRIFT = 1e-6
 """Violation of a limit by rays that is none where searches never settle: along flat goals they end some way apart."""
 LOOKED_AT, ROUGHLY = 64, 1e-2
@@ -92,9 +94,9 @@ class Settings(SolverTable):
     accuracy: float | None = None
     """Error allowed in the merit (0.01: 1 % of a goal); None: searches end at 1e-8."""
 
-    def fresh(self) -> SearchBudget:
-        """All that may be tried, from now on."""
-        return SearchBudget.of(self.budget, self.seconds)
+    def fresh(self, dear: bool = False) -> SearchBudget:
+        """All that may be tried, from now on; of `dear` designs each counts."""
+        return SearchBudget.of(self.budget, self.seconds, DEAR * dear)
 
     @property
     def agree(self) -> float:
@@ -279,7 +281,7 @@ def solve_by_rays(problem: DesignProblem, settings: Settings = USUAL, tell: Tell
     """
     if not (problem.by_rays or problem.traced):
         return solve(problem, settings, tell)
-    began, budget = time.monotonic(), settings.fresh()
+    began, budget = time.monotonic(), settings.fresh(problem.dear)
     answer = _settled_by_rays(problem, settings, budget, tell)
     spent = max(answer.evaluations, settings.budget - int(budget.evaluations))  # settling counts, too
     return replace(answer, evaluations=spent, ended=budget.ended, seconds=time.monotonic() - began)
@@ -295,7 +297,7 @@ def _settled_by_rays(problem: DesignProblem, settings: Settings, budget: SearchB
     start, found = None, []
     if problem.summed:
         tell("limits of the whole camera")
-        problem, part, near = reached_untraced(problem, _first(problem), settings.seed, roughly)
+        problem, part, near = reached_untraced(problem, _first(problem), settings.seed, roughly, budget)
         start = near.unit
         if problem.traced and not near.feasible:
             tell("finding what stands in the way")
@@ -308,14 +310,14 @@ def _settled_by_rays(problem: DesignProblem, settings: Settings, budget: SearchB
         return _solved(problem, settings, budget, tell, found)
     start = _starts(problem, settings)[0] if start is None else start
     about = partial(polish, to=SETTLED)
-    problem, end, _ = settled(problem, start, SETTLED, about, tell)
+    problem, end, _ = settled(problem, start, SETTLED, about, tell, budget=budget)
     found = [end.unit] if end.feasible else found
     answer, moved = _solved(problem, settings, budget, tell, found), 0.0
     # Of a lexicographic order the stages are solved as they were settled.
     for again in (False, True) if answer.problem is answer.asked else ():
         told, moved = answer.problem.told_by_rays(answer.unit)
         right = moved <= SETTLED
-        told, end, moved = settled(told, answer.unit, FEASIBLE if answer.feasible else SETTLED, polish)
+        told, end, moved = settled(told, answer.unit, FEASIBLE if answer.feasible else SETTLED, polish, budget=budget)
         if answer.feasible and end.feasible:
             answer = _moved_to(answer, told, end)
             break
@@ -369,7 +371,11 @@ def _unreached(
 
 
 def reached_untraced(
-    problem: DesignProblem, start: Array, seed: int, search: Callable[[DesignProblem, Array, float], Search]
+    problem: DesignProblem,
+    start: Array,
+    seed: int,
+    search: Callable[[DesignProblem, Array, float], Search],
+    budget: SearchBudget,
 ) -> tuple[DesignProblem, DesignProblem, Search]:
     """Where those limits hold that no rays at fields tell, or the nearest to it; what takes long last.
 
@@ -390,7 +396,7 @@ def reached_untraced(
             break
         if problem.untraced(sums=sums).constraints != part.constraints:
             wanted = partial(DesignProblem.untraced, sums=sums)
-            problem, near, _ = settled(problem, near.unit, ROUGHLY, nearest, wanted=wanted)
+            problem, near, _ = settled(problem, near.unit, ROUGHLY, nearest, wanted=wanted, budget=budget)
             part = wanted(problem)
     return problem, part, near
 
@@ -402,6 +408,7 @@ def settled(
     search: Callable[[DesignProblem, Array, float], Search],
     tell: Tell = silent,
     wanted: Callable[[DesignProblem], DesignProblem] = lambda whole: whole,
+    budget: SearchBudget | None = None,
 ) -> tuple[DesignProblem, Search, float]:
     """A search that ends where rays tell what it took them to tell, but for so little, and the problem that it solves.
 
@@ -409,7 +416,7 @@ def settled(
 
     It begins anew until then, at most `MOST_SETTLING` times, from the best place that rays told, within a reach of it:
     halved where rays tell of none better there, or where the search breaks off, else at least twice the last step; a
-    step of more than half the last is doubled.
+    step of more than half the last is doubled. Where limits hold and the step gains next to nothing it ends as well.
     Beside it how far they were apart in the end.
     """
     best, reach, last = np.clip(unit, 0.0, 1.0), 1.0, np.zeros(problem.n)
@@ -429,10 +436,15 @@ def settled(
         if moved <= within and not creeps and (step < reach or reach >= 1):
             return problem, end, moved
         part = wanted(problem)
-        if _rank(judged(part, end)) < _rank(judged(part, replace(end, unit=best))):
+        there, here = judged(part, end), judged(part, replace(end, unit=best))
+        if _rank(there) < _rank(here):
+            if not creeps and max(there.violation, here.violation) <= DRIFT and here.merit - there.merit < SETTLED:
+                return problem, replace(there, violation=0.0), 0.0
             last, best, reach = way, end.unit, max(reach, 2 * step)
         else:
             last, reach = np.zeros(problem.n), step / 2
+        if budget is not None and budget.ended:
+            break
     problem, _ = problem.told_by_rays(best)
     own = judged(wanted(problem), replace(end, unit=best))
     return problem, replace(own, violation=0.0) if own.violation <= DRIFT else own, moved
@@ -477,7 +489,7 @@ def _solve(
         if budget.ended:
             break
         tell("checking by a global search" if name == "crs2" else "checking by a second global search")
-        guard = Guard(problem.vector, budget)
+        guard = Guard(budget.counting(problem.vector), budget)
         checks.append(_check(problem, name, guard, best, settings.seed, polish))
         other = checks[-1].polished
         if other.feasible and (not best.feasible or best.merit - other.merit > settings.agree):
@@ -537,7 +549,9 @@ def _check(
 def _notes(searches: Sequence[Search], wanted: int, budget: SearchBudget, settings: Settings) -> list[str]:
     notes, tried = [], f"after {len(searches)} of {wanted} starts"
     if budget.ended == "evaluations":
-        notes.append(f"the budget of {settings.budget} evaluations was spent {tried}; give more for a surer answer")
+        counts = f", {budget.each} a design whose depth is summed behind a real lens," if budget.each else ""
+        spent = f"the budget of {settings.budget} evaluations{counts} was spent {tried}"
+        notes.append(f"{spent}: what more would gain is not known; give more for a surer answer")
     elif budget.ended:
         remedy = "give more, or none, for a surer answer that no other work on the machine changes"
         notes.append(f"the clock of {settings.seconds:g} seconds ran out {tried}; {remedy}")
@@ -563,7 +577,7 @@ def searched(
     size = np.clip(start + reach, 0.0, 1.0) - low if reach < 1 else np.ones(problem.n)
 
     def searched_once(part: DesignProblem, first: Array) -> Search:
-        vector, limits = (partial(_within, rows, low, size) for rows in (part.vector, part.limits))
+        vector, limits = (partial(_within, budget.counting(rows), low, size) for rows in (part.vector, part.limits))
         end = search(vector, (first - low) / size, budget, evaluations, tolerance, part.always, limits)
         return replace(end, unit=low + size * end.unit)
 
@@ -685,8 +699,8 @@ def optimum_accuracy(answer: Answer, seconds: float | None = None) -> Accuracy |
         "merit of the optimum (0.01: 1 % of a goal)",
         method + (f"; checked by a second search ({checks})" if checks else ""),
         AGREE if asked is None else asked,
-        answer.gained,
-        "what one more search gained",
+        None if answer.ended else answer.gained,
+        "" if answer.ended else "what one more search gained",
         asked,
         seconds,
         model="that no better optimum lies elsewhere is only as sure as the starts and checks agree",

@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._arrays import Array
 from .draws import Draws
@@ -21,11 +21,11 @@ from .places import GradeLine, Grades, expand, nominal_values, parse_tolerance, 
 from .study import CALIBRATION, Adjuster, Study, TolerancePlan
 from .trials import holding, measure_finally
 from .yields import (
+    DEAR,
     EARLIEST,
     FRESH,
     Yield,
     curve_trials,
-    failures,
     first_draws,
     fresh,
     least_passed,
@@ -41,6 +41,8 @@ Kind = Literal["grade", "adjustment", "tightening", "several grades", "all toler
 
 MOST_TRIALS, STEPS_TRIALS = 4096, 1024
 """Builds that a change is searched by, and those by which the next of several steps is chosen."""
+MOST_HELPING = 8
+"""Parts among which several steps are looked for where builds are dear."""
 HALVINGS = 12
 """Number of halvings in a bisection: it ends at 1/4096 of the tolerance."""
 LOST_ROOM = 1e9
@@ -170,13 +172,9 @@ class _Builds(NamedTuple):
         """Deviations of the first trials [tolerances], (P, trials)."""
         return first_draws(draws or self.plan.draws, trials) * self.factors[:, None]
 
-    def failing(self, deviations: Array) -> NDArray[np.bool_]:
-        """True where a build misses a limit, (trials,)."""
-        return ~holding(self.plan, deviations)
-
     def passed(self, trials: int, draws: Draws | None = None) -> int:
         """Number of the trials that hold all limits."""
-        return trials - int(self.failing(self.deviations(trials, draws)).sum())
+        return int(holding(self.plan, self.deviations(trials, draws)).sum())
 
     def judged(self, trials: int) -> Yield:
         """Yield on draws that no search has looked at."""
@@ -184,17 +182,33 @@ class _Builds(NamedTuple):
 
     def used(self, target: float, trials: int, *others: _Builds) -> Array:
         """Shares of the limits' margin that the wanted share of builds uses, here and with others' tolerances."""
-        draws, factors = first_draws(self.plan.draws, trials), np.stack([b.factors for b in (self, *others)], axis=1)
-        worst, left = np.full((1 + len(others), trials), LOST_ROOM), np.arange(1 + len(others))
-        for some in filter(len, np.split(np.arange(trials), [trials // EARLIEST])):
-            deviations = (factors[:, left, None] * draws[:, None, some]).reshape(len(draws), -1)
-            room = np.nan_to_num(self.plan.used_room(measure_finally(self.plan, deviations)), posinf=LOST_ROOM)
-            worst[left[:, None], some] = room.reshape(left.size, -1)
-            # Where that many are no cameras already, the rest makes no difference.
-            left = left[(worst[left][:, : some[-1] + 1] >= LOST_ROOM).sum(1) <= (1 - target) * trials]
-            if not left.size:
-                break
-        return np.asarray(np.quantile(worst, target, axis=1, method="higher"))
+        factors = np.stack([builds.factors for builds in (self, *others)], axis=1)
+        return _used(self.plan, target, trials, factors.shape[1], factors.tobytes())
+
+
+@lru_cache(maxsize=256)
+def _used(plan: TolerancePlan, target: float, trials: int, count: int, factors: bytes) -> Array:
+    """`_Builds.used` of so many changes by their factors: a search that begins anew comes by the same."""
+    draws, every = first_draws(plan.draws, trials), np.frombuffer(factors).reshape(-1, count)
+    worst, left = np.full((count, trials), LOST_ROOM), np.arange(count)
+    for some in filter(len, np.split(np.arange(trials), [trials // EARLIEST])):
+        deviations = (every[:, left, None] * draws[:, None, some]).reshape(len(draws), -1)
+        room = np.nan_to_num(plan.used_room(measure_finally(plan, deviations)), posinf=LOST_ROOM)
+        worst[left[:, None], some] = room.reshape(left.size, -1)
+        # Where that many are no cameras already, the rest makes no difference.
+        left = left[(worst[left][:, : some[-1] + 1] >= LOST_ROOM).sum(1) <= (1 - target) * trials]
+        if not left.size:
+            break
+    return np.asarray(np.quantile(worst, target, axis=1, method="higher"))
+
+
+@lru_cache(maxsize=4096)
+def _failed(plan: TolerancePlan, trials: int, rest: bool, factors: bytes) -> int:
+    """Number of builds that miss a limit among the earliest of so many, or among the rest."""
+    start = trials // EARLIEST
+    deviations = first_draws(plan.draws, trials) * np.frombuffer(factors)[:, None]
+    some = deviations[:, start:] if rest else deviations[:, :start]
+    return int((~holding(plan, some)).sum()) if some.size else 0
 
 
 class _Aim(NamedTuple):
@@ -212,7 +226,12 @@ class _Aim(NamedTuple):
 
     def held_by(self, builds: _Builds) -> bool:
         """Whether builds do."""
-        return failures(builds.failing, builds.deviations(self.trials), self.trials - self.passed) is not None
+        failed, factors = 0, builds.factors.tobytes()
+        for rest in (False, True):  # the first of them tell in most cases
+            failed += _failed(builds.plan, self.trials, rest, factors)
+            if failed > self.trials - self.passed:
+                return False
+        return True
 
 
 def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[_CostedPart, ...]:
@@ -249,7 +268,7 @@ def budget(
         The common factor on all tolerances that reaches it.
     """
     target = study.yield_target
-    trials = search_trials(min(curve_trials(plan), MOST_TRIALS), target)
+    trials = search_trials(min(curve_trials(plan), MOST_TRIALS // (DEAR if plan.dear else 1)), target)
     parts, now = parts_of(plan, grades), _Builds(plan.limited, np.ones(len(plan.draws.perturbations)))
     start, changes, adjustments = now, tuple[Change, ...](), tuple[Change, ...]()
     reached = given.value >= target
@@ -358,8 +377,8 @@ def _adjusted(now: _Builds, grades: Grades, trials: int) -> Iterator[tuple[Chang
             lengths = [abs(nominal[place]) for place in places if place.endswith(".distance") and nominal[place]]
             reach = min([reach, *(HALF * length for length in lengths)])
             other = replace(plan, adjusters=(*plan.adjusters, *(Adjuster(place, reach) for place in places)))
-        builds = now._replace(plan=other)
-        result = Yield(builds.passed(trials), trials)
+        builds, few = now._replace(plan=other), min(trials, curve_trials(other))
+        result = Yield(builds.passed(few), few)
         yield Change("adjustment", ((line.place, "", reach),), line.cost, result), builds
 
 
@@ -383,7 +402,7 @@ def _stepped(
     now: _Builds, parts: Sequence[_CostedPart], grades: Grades, target: float, aim: _Aim
 ) -> tuple[Steps, _Builds] | None:
     """Parts taken to better grades, each time what helps most for its cost, until the aim; None where none is left."""
-    few = min(aim.trials, STEPS_TRIALS)
+    few = _few(now, aim)
     builds, left, (used,) = now, {part.place: part for part in parts if part.line}, now.used(target, few)
     steps: dict[str, tuple[str, float]] = {}
     while left:
@@ -396,6 +415,10 @@ def _stepped(
                 if width < at and cost is not None:
                     options.append((max(cost - spent, 1e-9), part, name, width, builds.with_part(part, width)))
         _, *after = builds.used(target, few, *(option[-1] for option in options))
+        if builds.plan.dear and not steps:  # what helps little at first is not asked again
+            helps = {option[1].place: used - there for option, there in zip(options, after, strict=True)}
+            for place in sorted(left, key=lambda place: -helps.get(place, -math.inf))[MOST_HELPING:]:
+                del left[place]
         merits = [(used - there) / option[0] for there, option in zip(after, options, strict=True)]
         best = max(range(len(merits)), key=merits.__getitem__, default=None)
         if best is None or merits[best] <= 0:
@@ -403,10 +426,15 @@ def _stepped(
         used, (_, part, name, width, builds) = after[best], options[best]
         steps[part.place] = name, width
         if width <= min(part.widths):
-            del left[part.place]
+            left.pop(part.place, None)
         if used <= 1 and aim.held_by(builds):
             return _pruned(builds, {part.place: part for part in parts}, steps, grades, aim)
     return None
+
+
+def _few(builds: _Builds, aim: _Aim) -> int:
+    """Builds by which the next of several steps is chosen."""
+    return min(aim.trials, STEPS_TRIALS // (DEAR if builds.plan.dear else 1))
 
 
 def _pruned(
@@ -442,7 +470,7 @@ def _loosened(
     start: _Builds, parts: Sequence[_CostedPart], grades: Grades, aim: _Aim
 ) -> tuple[tuple[_Looser, ...], _Builds]:
     """Parts to looser grades, those that matter least first, as long as the aim is held."""
-    options, few = [], min(aim.trials, STEPS_TRIALS)
+    options, few = [], _few(start, aim)
     share = min(max(aim.passed / aim.trials, 0.01), 1.0)
     for part in (part for part in parts if part.line is not None):
         wider = [(width, name) for name, width in zip(grades.names, part.widths, strict=True) if width > part.tolerance]

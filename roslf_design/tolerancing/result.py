@@ -323,6 +323,20 @@ def _within_reach(allowed: Allowed, p: Perturbation, kind: str) -> Allowed:
     return replace(allowed, tolerance=math.inf, limited_by=none) if allowed.tolerance > reach else allowed
 
 
+def sobol_samples(plan: TolerancePlan, study: Study) -> int:
+    """Base samples of a study's Sobol indices: a quarter of the default where builds are dear."""
+    few = plan.dear and "sobol_samples" not in study.model_fields_set
+    return study.sobol_samples // 4 if few else study.sobol_samples
+
+
+def builds_of_analyses(plan: TolerancePlan, study: Study, grades: Grades, budgets: bool = True) -> tuple[int, ...]:
+    """Builds that each step of `analyse` takes, about."""
+    count, at_once, holds = len(plan.draws.perturbations), curve_trials(plan), not plan.nominal_misses()
+    graded = (len(grades.names) - 1) * at_once * bool(study.grade)
+    sobol, inverse, searched = sobol_samples(plan, study) * (count + 2), 60 * count * holds, 40 * at_once * holds
+    return 0, 4 * count, 6 * at_once, 8 * at_once, sobol, inverse, searched * budgets, graded
+
+
 def analyse(
     plan: TolerancePlan,
     study: Study,
@@ -338,11 +352,8 @@ def analyse(
     `progress` is told after each how much is done, by the builds that it takes, about.
     """
     count, at_once = len(plan.draws.perturbations), curve_trials(plan)
-    misses = plan.nominal_misses()
-    budgets = budgets and not misses
-    graded = (len(grades.names) - 1) * at_once * bool(study.grade)
-    inverse, searched = 60 * count * (not misses), 40 * at_once * budgets
-    costs = (0, 4 * count, 6 * at_once, 8 * at_once, study.sobol_samples * (count + 2), inverse, searched, graded)
+    misses, samples = plan.nominal_misses(), sobol_samples(plan, study)
+    costs, budgets = builds_of_analyses(plan, study, grades, budgets), budgets and not misses
     shares = iter((np.cumsum(costs) / sum(costs)).tolist())
 
     def tell() -> None:
@@ -360,7 +371,7 @@ def analyse(
     tell()
     scaled = scale_for_yield(plan, study.yield_target, curve, builds)
     tell()
-    sobol = sobol_indices(plan, study.sobol_samples) if study.sobol_samples else None
+    sobol = sobol_indices(plan, samples) if samples else None
     tell()
     kinds = perturbable(plan.question.design)
     alone = zip(() if misses else inverse_sensitivity(plan, share), plan.draws.perturbations, strict=False)

@@ -252,7 +252,8 @@ class Study(StrictTable):
     yield_target: Annotated[float, Field(gt=0, lt=1)] = 0.95
     """Target yield, for the inverse by yield."""
     sobol_samples: Annotated[int, Field(ge=0, le=2**22)] = 1024
-    """Base samples of the Sobol indices, a power of two; 0: none."""
+    """Base samples of the Sobol indices, a power of two; 0: none. Where depth is limited behind a real lens, 256 unless
+    given."""
     quantiles: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
     keep_trials: Annotated[int, Field(ge=0, le=10**7)] = 10_000
     """How many of the first trials are written out one by one."""
@@ -384,6 +385,12 @@ class TolerancePlan:
     def limited(self) -> TolerancePlan:
         """The plan with its limited metrics alone: whether builds pass hangs on no others."""
         return self._of_limits(self.limits)
+
+    @cached_property
+    def dear(self) -> bool:
+        """Whether limits on depth errors are summed of traced builds, a millisecond each: analyses take fewer then."""
+        summed = any(self.columns[limit.column].quantity.numeric for limit in self.limits)
+        return summed and bool(self.question.design.main_lens.kind.mounted)
 
     @cached_property
     def stages(self) -> tuple[TolerancePlan, ...]:

@@ -26,6 +26,8 @@ _DEPTH = dict(zip(SCALES, (0, 4, 3, 4, 2, 4, 3, 1, 4, 3, 4, 0), strict=True))
 """Order in which they halve what is between those measured before: both ends first."""
 CURVE_TRIALS, CURVE_TRIALS_ADJUSTED = 16384, 4096
 """Trials for each point of a curve; fewer where each trial is adjusted."""
+DEAR = 8
+"""How many times fewer they are of builds that take a millisecond: the interval says what that leaves unsure."""
 LOST = 8
 """Builds that a target yield loses at least among those that a change is searched by: fewer tell it from no other."""
 EARLIEST = 8
@@ -69,7 +71,8 @@ class Yield:
 
 def curve_trials(plan: TolerancePlan) -> int:
     """Trials that a point of a curve is worth."""
-    return min(CURVE_TRIALS_ADJUSTED if plan.adjusters else CURVE_TRIALS, max(plan.trials, 256))
+    most = CURVE_TRIALS_ADJUSTED if plan.adjusters else CURVE_TRIALS
+    return min(most // DEAR if plan.dear else most, max(plan.trials, 256))
 
 
 def yield_at(plan: TolerancePlan, scale: float, trials: int) -> Yield:
