@@ -56,6 +56,8 @@ from .yields import CONFIDENCE, ScaledBuilds, Yield, curve_trials, scale_for_yie
 SCHEMA = "roslf.tolerance/1"
 FINEST = 1e-5
 """A finer yield takes more trials than a study may have."""
+MOST_DEAR = 10_000
+"""Builds that Sobol indices take where each is traced and its depth errors are summed."""
 MANY = 1024
 """Number of builds for quantities that the study does not report: their scatter to some two in a hundred."""
 REACH = 0.1
@@ -324,9 +326,10 @@ def _within_reach(allowed: Allowed, p: Perturbation, kind: str) -> Allowed:
 
 
 def sobol_samples(plan: TolerancePlan, study: Study) -> int:
-    """Base samples of a study's Sobol indices: a quarter of the default where builds are dear."""
-    few = plan.dear and "sobol_samples" not in study.model_fields_set
-    return study.sobol_samples // 4 if few else study.sobol_samples
+    """Base samples of a study's Sobol indices; unless given, no more than `MOST_DEAR` builds where these are dear."""
+    if not plan.dear or "sobol_samples" in study.model_fields_set:
+        return study.sobol_samples
+    return min(study.sobol_samples, 1 << int(math.log2(max(MOST_DEAR / (len(plan.draws.factors) + 2), 1))))
 
 
 def builds_of_analyses(plan: TolerancePlan, study: Study, grades: Grades, budgets: bool = True) -> tuple[int, ...]:

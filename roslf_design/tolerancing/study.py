@@ -252,8 +252,8 @@ class Study(StrictTable):
     yield_target: Annotated[float, Field(gt=0, lt=1)] = 0.95
     """Target yield, for the inverse by yield."""
     sobol_samples: Annotated[int, Field(ge=0, le=2**22)] = 1024
-    """Base samples of the Sobol indices, a power of two; 0: none. Where depth is limited behind a real lens, 256 unless
-    given."""
+    """Base samples of the Sobol indices, a power of two; 0: none. Unless given, fewer where depth is limited behind a
+    real lens: 10,000 builds at most."""
     quantiles: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
     keep_trials: Annotated[int, Field(ge=0, le=10**7)] = 10_000
     """How many of the first trials are written out one by one."""

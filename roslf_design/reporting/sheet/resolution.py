@@ -27,8 +27,8 @@ WIDTHS = (4.6, 2.8, 1.2)
 """Widths of the lines: where they lie on each other, each shows beside the next."""
 PLACES = ("centre", "edge", "corner")
 COLUMNS, ROWS, ALIKE, DEEP = 9, 9, 0.01, 5.0
-"""Fields, of which every second is looked at, and distances of the map; share of detail below which corner and middle show alike; ratio of its far to its
-near end above which distances are drawn logarithmically."""
+"""Fields, of which every second is looked at, and distances of the map; share of detail below which corner and middle
+show alike; ratio of its far to its near end above which distances are drawn logarithmically."""
 ON_CURVE = 33
 """Distances of a curve in the map's place."""
 EMS = np.array([22.0, 9.0])
