@@ -134,3 +134,20 @@ def test_points_are_copied_from_nlopts_memory():
     guard.rows(x, True)
     x[:] = 0.9
     assert guard.unit == pytest.approx((0.2, 0.3))
+
+
+def test_where_designs_count_a_budget_ends_with_those_for_derivatives():
+    """Of 30 designs a search may try, each takes 10 of 300 evaluations: one step more is what it cannot take back."""
+    tried = []
+
+    def vector(units):
+        tried.append(len(units))
+        return Toy().vector(units)
+
+    budget = SearchBudget.of(300, None, 10)
+    search(budget.counting(vector), np.array([0.2, 0.2]), budget)
+    assert budget.ended == "evaluations"
+    assert 30 <= sum(tried) <= 30 + 4 * 17  # its end is put on its limits, by nine designs each of four times at most
+    free = SearchBudget.of(300, None)
+    assert free.counting(vector) is vector
+    assert free.at_most(300).evaluations == 299

@@ -18,12 +18,13 @@ from roslf_design.reporting.story import _run_tolerances
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.metrics import METRICS, Question, builds_of, evaluate_builds, faults_of
 from roslf_design.tolerancing.places import LENS, LENSLETS, load_grades, nominal_values, perturbable
-from roslf_design.tolerancing.result import share_that_meets
+from roslf_design.tolerancing.result import builds_of_analyses, share_that_meets, sobol_samples
 from roslf_design.tolerancing.run import WorkerSettings, run_trials, tally_chunk
-from roslf_design.tolerancing.study import plan_from, tolerance_plan
+from roslf_design.tolerancing.study import Adjuster, plan_from, tolerance_plan
 from roslf_design.tolerancing.summaries import summarise
 from roslf_design.tolerancing.traced import as_built, real_lens_builds
 from roslf_design.tolerancing.trials import one_trial
+from roslf_design.tolerancing.yields import curve_trials
 from roslf_design.traced.camera import camera_of, microlenses
 from roslf_design.traced.images import real_field, real_images
 from tests.lenses.vector_rays import Rays, trace
@@ -335,6 +336,22 @@ def test_builds_of_a_study_are_each_traced_alone():
     assert found.centre_px < 1e-9
     assert found.diameter_share < 1e-8
     assert found.kept_fraction < 1e-6
+
+
+def test_analyses_take_fewer_builds_where_depth_is_limited_behind_a_real_lens():
+    data = {"name": "n", "grade": "high", "trials": 20_000, "goals": [{"quantity": "u_z_mm", "max": 1000}]}
+    taken = {}
+    for design in ("paper-singlet", "paper"):
+        plan, study, grades = tolerance_plan({**data, "design": design})
+        adjusted = replace(plan, adjusters=(Adjuster("sensor.distance", 1.0),))
+        taken[design] = curve_trials(plan), curve_trials(adjusted), sobol_samples(plan, study)
+        assert sobol_samples(plan, study.model_copy(update={"sobol_samples": 0})) == 0
+        told = study.model_validate({**data, "design": design, "sobol_samples": 512})
+        assert sobol_samples(plan, told) == 512
+        assert sum(builds_of_analyses(plan, study, grades)) < (400_000 if plan.dear else 10**7)
+    assert taken["paper"] == (16384, 4096, 1024)
+    assert taken["paper-singlet"][:2] == (2048, 512)
+    assert taken["paper-singlet"][2] in (64, 128, 256)
 
 
 def test_a_study_says_what_goes_by_a_formula_behind_a_real_lens():
