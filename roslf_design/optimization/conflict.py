@@ -216,8 +216,9 @@ class _Pool:
 
     def __init__(self, problem: DesignProblem, budget: SearchBudget, starts: Sequence[Array]) -> None:
         self.problem, self.cost = problem.without_goals(), DEAR if problem.summed else 1
+        self.counts = self.problem.dear and budget.each > 0
         evaluations, seconds = EXPLAINING
-        self.budget = budget.at_least(evaluations / (1 if budget.each else self.cost), seconds)
+        self.budget = budget.at_least(evaluations / (1 if self.counts else self.cost), seconds)
         self.owner = np.array([row.constraint for row in self.problem.rows])
         self.units, self.over = np.empty((0, problem.n)), np.empty((1 + len(problem.constraints), 0))
         self.add(np.concatenate([np.clip(np.stack(starts), 0, 1), sobol_units(problem.n, LOOKED_AT // self.cost, 5)]))
@@ -250,10 +251,14 @@ class _Pool:
                 break
         return starts
 
+    def _guard(self, part: DesignProblem) -> Guard:
+        vector = self.budget.counting(part.vector) if part.dear else part.vector
+        return Guard(vector, self.budget, roughly=self.counts)
+
     def nearest(self, keep: frozenset[int]) -> Array:
         """The point of least violation of some of the limits, as far as searches tell."""
         part = self.problem.keeping(keep)
-        guard = Guard(self.budget.counting(part.vector), self.budget)
+        guard = self._guard(part)
         unit, _ = least_violation(guard, self._starts(keep), [10.0 if row.constraint < 0 else 1.0 for row in part.rows])
         self.add(np.stack([unit] if guard.unit is None else [unit, guard.unit]))
         return self.best(keep) if guard.feasible else unit
@@ -269,8 +274,7 @@ class _Pool:
         """Relaxation of one limit, all others kept, that makes the problem feasible."""
         constraint = self.problem.constraints[index]
         others = frozenset(range(len(self.problem.constraints))) - {index}
-        guard = Guard(self.budget.counting(self.problem.vector), self.budget)
-        soft = self.owner == index
+        guard, soft = self._guard(self.problem), self.owner == index
         unit, rows = least_violation(guard, self._starts(others), np.where(soft, 1.0, np.inf).tolist())
         one = _Violation.of(self.problem, constraint, unit)
         helps = violation_of(rows[~soft]) <= 1e-7 and np.isfinite(one.value)
@@ -292,7 +296,7 @@ def _smallest(pool: _Pool, among: Sequence[int]) -> tuple[frozenset[int], bool]:
 def _by_deletion(pool: _Pool, among: Sequence[int]) -> frozenset[int]:
     """Where the budget is spent: leave out what the conflict does not need, one after the other."""
     evaluations, seconds = EXPLAINING
-    pool.budget = pool.budget.at_least(evaluations / (1 if pool.budget.each else pool.cost) / 2, seconds / 2)
+    pool.budget = pool.budget.at_least(evaluations / (1 if pool.counts else pool.cost) / 2, seconds / 2)
     keep = frozenset(among)
     for index in among:
         if pool.possible(keep - {index}) is False:

@@ -290,8 +290,15 @@ def solve_by_rays(problem: DesignProblem, settings: Settings = USUAL, tell: Tell
 def _settled_by_rays(problem: DesignProblem, settings: Settings, budget: SearchBudget, tell: Tell) -> Answer:
     few, finest = min(settings.evaluations, AROUND * problem.n), problem.finest
 
-    def polish(part: DesignProblem, first: Array, reach: float = 1.0, most: int = few, to: float = finest) -> Search:
-        return searched(part, first, budget, most, to, reach)
+    def polish(
+        part: DesignProblem,
+        first: Array,
+        reach: float = 1.0,
+        most: int = few,
+        to: float = finest,
+        by: SearchBudget = budget,
+    ) -> Search:
+        return searched(part, first, by, most, to, reach)
 
     roughly = partial(polish, most=settings.evaluations, to=max(settings.tolerance, finest))
     start, found = None, []
@@ -309,8 +316,11 @@ def _settled_by_rays(problem: DesignProblem, settings: Settings, budget: SearchB
     if not problem.by_rays:
         return _solved(problem, settings, budget, tell, found)
     start = _starts(problem, settings)[0] if start is None else start
-    about = partial(polish, to=SETTLED)
-    problem, end, _ = settled(problem, start, SETTLED, about, tell, budget=budget)
+    # Where designs count, half is for what follows.
+    spared = budget.evaluations / 2 if budget.each else 0.0
+    some = replace(budget, evaluations=budget.evaluations - spared)
+    problem, end, _ = settled(problem, start, SETTLED, partial(polish, to=SETTLED, by=some), tell, budget=some)
+    budget.evaluations = some.evaluations + spared
     found = [end.unit] if end.feasible else found
     answer, moved = _solved(problem, settings, budget, tell, found), 0.0
     # Of a lexicographic order the stages are solved as they were settled.
@@ -321,7 +331,7 @@ def _settled_by_rays(problem: DesignProblem, settings: Settings, budget: SearchB
         if answer.feasible and end.feasible:
             answer = _moved_to(answer, told, end)
             break
-        if right and not (answer.feasible or end.feasible):
+        if (right or budget.ended) and not (answer.feasible or end.feasible):
             break
         if not again:  # judged by what rays tell elsewhere
             answer = _solve(told, settings, budget, tell, [end.unit, *_starts(told, settings)])
@@ -431,7 +441,9 @@ def settled(
         step = float(np.abs(end.unit - best).max())
         if step < APART < reach and not (end.feasible and not RESTS < _rests(part, end.unit)[1] < math.inf):
             reach /= 4
-            continue
+            if budget is None or not budget.ended:
+                continue
+            break
         problem, moved = problem.told_by_rays(end.unit)
         if moved <= within and not creeps and (step < reach or reach >= 1):
             return problem, end, moved
@@ -577,7 +589,10 @@ def searched(
     size = np.clip(start + reach, 0.0, 1.0) - low if reach < 1 else np.ones(problem.n)
 
     def searched_once(part: DesignProblem, first: Array) -> Search:
-        vector, limits = (partial(_within, budget.counting(rows), low, size) for rows in (part.vector, part.limits))
+        vector, limits = (
+            partial(_within, budget.counting(rows) if part.dear else rows, low, size)
+            for rows in (part.vector, part.limits)
+        )
         end = search(vector, (first - low) / size, budget, evaluations, tolerance, part.always, limits)
         return replace(end, unit=low + size * end.unit)
 
@@ -690,8 +705,8 @@ def _goal_per_merit(problem: DesignProblem, unit: Array) -> float:
 
 
 def optimum_accuracy(answer: Answer, seconds: float | None = None) -> Accuracy | None:
-    """Method, expected and measured error of an answer's merit; None where no design was found."""
-    if not answer.feasible:
+    """Method, expected and measured error of an answer's merit; None where none was found, or not all was looked at."""
+    if not answer.feasible or (answer.ended and answer.problem.told_at):
         return None
     asked, checks = answer.settings.accuracy, ", ".join(check.solver for check in answer.checks)
     method = f"SLSQP from {len(answer.searches)} starts to {answer.settings.tolerance:g}, the best polished"
@@ -699,8 +714,8 @@ def optimum_accuracy(answer: Answer, seconds: float | None = None) -> Accuracy |
         "merit of the optimum (0.01: 1 % of a goal)",
         method + (f"; checked by a second search ({checks})" if checks else ""),
         AGREE if asked is None else asked,
-        None if answer.ended else answer.gained,
-        "" if answer.ended else "what one more search gained",
+        answer.gained,
+        "what one more search gained",
         asked,
         seconds,
         model="that no better optimum lies elsewhere is only as sure as the starts and checks agree",
