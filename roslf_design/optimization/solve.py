@@ -290,15 +290,8 @@ def solve_by_rays(problem: DesignProblem, settings: Settings = USUAL, tell: Tell
 def _settled_by_rays(problem: DesignProblem, settings: Settings, budget: SearchBudget, tell: Tell) -> Answer:
     few, finest = min(settings.evaluations, AROUND * problem.n), problem.finest
 
-    def polish(
-        part: DesignProblem,
-        first: Array,
-        reach: float = 1.0,
-        most: int = few,
-        to: float = finest,
-        by: SearchBudget = budget,
-    ) -> Search:
-        return searched(part, first, by, most, to, reach)
+    def polish(part: DesignProblem, begin: Array, reach: float = 1.0, most: int = few, to: float = finest) -> Search:
+        return searched(part, begin, budget, most, to, reach)
 
     roughly = partial(polish, most=settings.evaluations, to=max(settings.tolerance, finest))
     start, found = None, []
@@ -316,12 +309,8 @@ def _settled_by_rays(problem: DesignProblem, settings: Settings, budget: SearchB
     if not problem.by_rays:
         return _solved(problem, settings, budget, tell, found)
     start = _starts(problem, settings)[0] if start is None else start
-    # Where designs count, half is for what follows.
-    spared = budget.evaluations / 2 if budget.each else 0.0
-    some = replace(budget, evaluations=budget.evaluations - spared)
-    problem, end, _ = settled(problem, start, SETTLED, partial(polish, to=SETTLED, by=some), tell, budget=some)
-    budget.evaluations = some.evaluations + spared
-    found = [end.unit] if end.feasible else found
+    problem, first, _ = settled(problem, start, SETTLED, partial(polish, to=SETTLED), tell, budget=budget)
+    found = [first.unit] if first.feasible else found
     answer, moved = _solved(problem, settings, budget, tell, found), 0.0
     # Of a lexicographic order the stages are solved as they were settled.
     for again in (False, True) if answer.problem is answer.asked else ():
@@ -333,6 +322,8 @@ def _settled_by_rays(problem: DesignProblem, settings: Settings, budget: SearchB
             break
         if (right or budget.ended) and not (answer.feasible or end.feasible):
             break
+        if budget.ended and first.feasible:  # no more is known of what was found since
+            return _moved_to(replace(answer, feasible=True, conflict=None), problem, first)
         if not again:  # judged by what rays tell elsewhere
             answer = _solve(told, settings, budget, tell, [end.unit, *_starts(told, settings)])
     if moved <= SETTLED:
