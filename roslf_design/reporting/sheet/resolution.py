@@ -26,9 +26,9 @@ COLOURS = ("blue", "orange", "green")
 WIDTHS = (4.6, 2.8, 1.2)
 """Widths of the lines: where they lie on each other, each shows beside the next."""
 PLACES = ("centre", "edge", "corner")
-COLUMNS, ROWS, ALIKE, DEEP = 9, 9, 0.01, 5.0
-"""Fields, of which every second is looked at, and distances of the map; share of detail below which corner and middle
-show alike; ratio of its far to its near end above which distances are drawn logarithmically."""
+COLUMNS, ROWS, ALIKE, DEEP = 11, 9, 0.01, 5.0
+"""Fields and distances of the map; share of detail below which corner and middle show alike; ratio of its far to its
+near end above which distances are drawn logarithmically."""
 ON_CURVE = 33
 """Distances of a curve in the map's place."""
 EMS = np.array([22.0, 9.0])
@@ -94,7 +94,7 @@ def resolution_map(design: Design, at: Sequence[float] = ()) -> Picture:
         each = (images.transfer(column, far).limits_each_way((0.5,), "refocused") for far in at.tolist())
         return np.array([min(limit for (limit,) in each_way) for each_way in each])
 
-    for column in (0, COLUMNS - 1, *range(2, COLUMNS - 1, 2)):
+    for column in (0, COLUMNS - 1, *range(1, COLUMNS - 1)):
         values[:, column] = shown(images, column, distances)
         if column and (np.ptp(values[:, [0, -1]], axis=1) < ALIKE * values[:, 0]).all():
             finer = spaced(*ends, ON_CURVE)
@@ -105,11 +105,6 @@ def resolution_map(design: Design, at: Sequence[float] = ()) -> Picture:
             up = Scale(0.0, 1.08 * float(np.max(curve.y)))
             panel = Panel((0, 0, 1, 1), ahead, up, (curve,), "ahead of the tip [mm]", "MTF 50 % at [lp/mm]")
             return one_panel("resolution-map", f"{title}, as much at every field", (PAGE, 190), panel, left=64)
-    if (values[:, ::2] > 0).all():
-        values[:, 1::2] = between(values[:, ::2])
-    else:
-        for column in range(1, COLUMNS, 2):
-            values[:, column] = shown(images, column, distances)
     known = values[np.isfinite(values)]
     top = float(known.max(initial=0.0)) or 1.0
     x, y = Scale(0.0, 100.0), ahead
@@ -129,14 +124,6 @@ def resolution_map(design: Design, at: Sequence[float] = ()) -> Picture:
     )
     picture = one_panel("resolution-map", title, (PAGE, 210), panel, left=64, right=110)
     return picture.with_panels(colour_bar(picture.panels[0], 0.0, top, "blue", "MTF 50 % at [lp/mm]"))
-
-
-def between(values: np.ndarray) -> np.ndarray:
-    """Detail midway between evenly spaced fields, (rows, fields): by the polynomial through their logarithms."""
-    fields = values.shape[1]
-    places = np.arange(2 * fields - 1) / fields - 1
-    powers = np.vander(places, fields)
-    return np.asarray(np.exp(np.log(values) @ np.linalg.solve(powers[::2].T, powers[1::2].T)))
 
 
 def _lines(across: Scale, up: Scale, x: np.ndarray, y: np.ndarray, values: np.ndarray) -> list[Mark]:
