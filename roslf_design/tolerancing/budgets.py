@@ -250,6 +250,11 @@ def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[_CostedPart, ...]:
     return tuple(parts)
 
 
+def searched_builds(plan: TolerancePlan) -> int:
+    """Builds that changes are searched by, where no target yield asks for more."""
+    return min(curve_trials(plan), MOST_TRIALS // (DEAR if plan.dear else 1))
+
+
 def budget(
     plan: TolerancePlan, study: Study, grades: Grades, given: Yield, scaled: tuple[float, Yield] | None = None
 ) -> ToleranceBudget:
@@ -268,7 +273,7 @@ def budget(
         The common factor on all tolerances that reaches it.
     """
     target = study.yield_target
-    trials = search_trials(min(curve_trials(plan), MOST_TRIALS // (DEAR if plan.dear else 1)), target)
+    trials = search_trials(searched_builds(plan), target)
     parts, now = parts_of(plan, grades), _Builds(plan.limited, np.ones(len(plan.draws.perturbations)))
     start, changes, adjustments = now, tuple[Change, ...](), tuple[Change, ...]()
     reached = given.value >= target

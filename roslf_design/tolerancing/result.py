@@ -28,7 +28,7 @@ from ..theory.focused import is_focused
 from ..theory.length_covariance import LengthCovariance
 from ..theory.quantities import QUANTITIES, bound_note
 from ..words import listed, number, uncertainty
-from .budgets import ToleranceBudget, budget
+from .budgets import ToleranceBudget, budget, searched_builds
 from .draws import Perturbation
 from .metrics import Column, mount_of, of_cameras
 from .places import Grades, display, in_lens, of_parts, perturbable
@@ -336,8 +336,9 @@ def builds_of_analyses(plan: TolerancePlan, study: Study, grades: Grades, budget
     """Builds that each step of `analyse` takes, about."""
     count, at_once, holds = len(plan.draws.perturbations), curve_trials(plan), not plan.nominal_misses()
     graded = (len(grades.names) - 1) * at_once * bool(study.grade)
-    sobol, inverse, searched = sobol_samples(plan, study) * (count + 2), 60 * count * holds, 40 * at_once * holds
-    return 0, 4 * count, 6 * at_once, 8 * at_once, sobol, inverse, searched * budgets, graded
+    sobol, inverse = sobol_samples(plan, study) * (count + 2), 60 * count * holds
+    searched = 40 * searched_builds(plan) * (holds and budgets)
+    return 0, 4 * count, 6 * at_once, 8 * at_once, sobol, inverse, searched, graded
 
 
 def analyse(
