@@ -72,6 +72,8 @@ class _Tab:
         self._server = Server(f"explorer-{self.key}")
         self._server.client_type = "vue3"
         self._asked = self._news = 0
+        self._fresh: list[str] = []
+        """Values of the page that are of what was asked last."""
         self._showing: asyncio.Task[None] | None = None
         self._backend: Any = None
         self._connection: Any = None
@@ -85,7 +87,7 @@ class _Tab:
         state.trame__title = "roslf explore"
         state.trame__template_main = with_cards((PAGE / "page.html").read_text(encoding="utf-8"))
         state.trame__template_error = (PAGE / "gone.html").read_text(encoding="utf-8")
-        state.update({**self.session.page(), "tab_key": self.key, "answered": 0})
+        state.update({**self.session.page(), "tab_key": self.key, "answered": 0, "fresh": []})
         for name in self.session.requests:
             server.controller.trigger(name)(self._handler(name))
         server.controller.on_server_bind.add(self._bound)
@@ -113,9 +115,12 @@ class _Tab:
             shown, asked = self._news, self._asked
             try:
                 for part in self.session.parts():
-                    self._update(await asyncio.get_running_loop().run_in_executor(ASIDE, part))
+                    values = await asyncio.get_running_loop().run_in_executor(ASIDE, part)
                     if self._asked != asked:
+                        self._update(values)
                         break
+                    self._fresh = [*self._fresh, *(values.keys() - set(self._fresh))]
+                    self._update({**values, "fresh": self._fresh})
                 else:
                     self._update({"answered": asked})
             except (*FAULTS, OSError):  # the terminal says why; the page waits no longer
@@ -148,6 +153,8 @@ class _Tab:
         def handle(*arguments: Any) -> int:
             self.session.ask(name, *arguments)
             self._asked += 1
+            self._fresh = []
+            self._update({"fresh": []})
             self.push()
             return self._asked
 

@@ -342,6 +342,30 @@ def test_a_view_is_shown_at_once_whatever_the_server_is_at(same_page):
     click(page, "#tab-camera")
 
 
+def test_what_is_still_of_the_design_before_is_marked_until_it_is_of_the_present_one(same_page):
+    page = same_page
+    idle(page)
+    seen = page.evaluate(
+        """async () => {
+        const field = document.querySelector("#n-D_F"), last = document.querySelector("[data-picture=matching-plane]");
+        const first = document.querySelector("[data-picture=meridional]"), told = document.querySelector(".verdicts");
+        const busy = () => [first, last, told].map((part) => part.ariaBusy), seen = [busy()], before = last.innerHTML;
+        const look = () => { if (last.innerHTML === before) seen.push(busy()); };
+        const observer = new MutationObserver(look);
+        observer.observe(document.body, { subtree: true, attributes: true, childList: true });
+        field.value = "3 mm";
+        field.dispatchEvent(new Event("change"));
+        while (document.documentElement.dataset.busy) await new Promise((done) => setTimeout(done, 5));
+        observer.disconnect();
+        return [...seen, busy()];
+    }"""
+    )
+    shown, due = ["false"] * 3, ["true"] * 3
+    assert seen[0] == seen[-1] == shown
+    assert due in seen
+    assert ["false", "true", "true"] in seen  # one picture after another
+
+
 def test_on_a_narrow_screen_the_numbers_lie_under_a_sheet(same_page):
     page = same_page
     page.set_viewport_size({"width": 420, "height": 900})

@@ -203,7 +203,7 @@ class FaultyPage(Session):
 
 def test_what_is_asked_while_a_part_fails_is_answered(monkeypatch, caplog):
     told = []
-    monkeypatch.setattr(_Tab, "_update", lambda tab, values: told.append(values.get("answered")))
+    monkeypatch.setattr(_Tab, "_update", lambda tab, values: "answered" in values and told.append(values["answered"]))
 
     async def play():
         tab = _Tab(FaultyPage(PAPER))

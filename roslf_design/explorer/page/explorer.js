@@ -212,7 +212,10 @@
   function turnSheet() { document.querySelector(".numbers").classList.toggle("open"); }
 
   // The view that is shown: changed at once, whatever the server is at.
-  const view = reactive({ tab: "camera" });
+  const view = reactive({ tab: "camera", fresh: [] });
+
+  // Of an earlier design, for a moment.
+  function due(name) { return !view.fresh.includes(name); }
 
   async function showTab(key) {
     view.tab = key;
@@ -228,13 +231,14 @@
   let linked = "";
 
   const Shell = {
-    props: ["link", "theme", "tab", "tabKey", "title", "answered"],
+    props: ["link", "theme", "tab", "tabKey", "title", "answered", "fresh"],
     setup(props) {
       trame = inject("trame");
       tabKey = props.tabKey;
       watch(() => props.tabKey, (key) => { tabKey = key; });
       watch(() => props.title, (name) => { title = name.replace(/[^A-Za-z0-9._-]+/g, "-") || "design"; document.title = `${name} - roslf explore`; }, { immediate: true });
       watch(() => props.tab, (tab) => { view.tab = tab; }, { immediate: true });
+      watch(() => props.fresh, (names) => { view.fresh = names; }, { immediate: true });
       watch(() => props.answered, hasShown, { flush: "post" });
       watch(() => props.link, (link) => {
         if (!opened || !link || link === linked) return;
@@ -376,8 +380,9 @@
 
   const Glance = {
     props: ["rows", "lens", "words"],
+    setup() { return { due }; },
     template: `
-<section class="card card-glance" aria-label="Numbers at a glance"><div class="card-head"><h2>Numbers at a glance <rx-twin :lens="lens" :words="words"></rx-twin></h2></div>
+<section class="card card-glance" :aria-busy="due('glance')" aria-label="Numbers at a glance"><div class="card-head"><h2>Numbers at a glance <rx-twin :lens="lens" :words="words"></rx-twin></h2></div>
   <div class="found"><table><caption class="unseen">Numbers at a glance</caption><tbody><tr v-for="row in rows" :key="row.label"><td v-html="row.label"></td><td>{{ row.value }}</td></tr></tbody></table></div>
 </section>`,
   };
@@ -426,9 +431,9 @@
         ask("nudge", props.name, step[0] * size, step[1] * size);
         event.preventDefault();
       }
-      return { box, down, move, up, keys };
+      return { box, down, move, up, keys, due: computed(() => due(`picture_${props.name.replaceAll("-", "_")}`)) };
     },
-    template: `<div class="picture" ref="box" :data-picture="name" :class="{ live: drag || click }" :tabindex="drag || click ? 0 : null" :role="drag || click ? 'application' : null" :aria-label="help || null" @pointerdown="down" @pointermove="move" @pointerup="up" @pointercancel="up" @keydown="keys" v-html="svg"></div>`,
+    template: `<div class="picture" ref="box" :aria-busy="due" :data-picture="name" :class="{ live: drag || click }" :tabindex="drag || click ? 0 : null" :role="drag || click ? 'application' : null" :aria-label="help || null" @pointerdown="down" @pointermove="move" @pointerup="up" @pointercancel="up" @keydown="keys" v-html="svg"></div>`,
   };
 
   // The instrument in 3D, drawn by vtk.js here in the browser; only meshes that have changed come from the server.
@@ -621,7 +626,7 @@
       app.component("rx-bound", BoundView);
       app.component("rx-limits", LimitsView);
       app.config.globalProperties.$rx = {
-        view, showTab, ask, askAs, turnTheme, fetchFile, fetchPng, copyLink, upload, path, preset, toViews, tabKeys, turnSheet, closeMenus, startRun, say, reload: () => location.reload(),
+        view, due, showTab, ask, askAs, turnTheme, fetchFile, fetchPng, copyLink, upload, path, preset, toViews, tabKeys, turnSheet, closeMenus, startRun, say, reload: () => location.reload(),
       };
     },
   };
