@@ -19,6 +19,7 @@ from ..design import Design, preset_names
 from ..design.required import Required
 from ..errors import InputError, Problem
 from ..theory import tube
+from ..theory.colours import filters
 from ..theory.depth_budget import (
     BUILT,
     CALIBRATED,
@@ -39,7 +40,7 @@ from ..theory.quantity import FEASIBLE, Quantity
 from ..words import length, number, on_side, the, uncertainty
 from .groups import Verdict
 from .remedies import reaching
-from .specification import FieldImages
+from .specification import FieldImages, view_fold
 
 WAYS = "`roslf sweep` shows what moves it, and as a study's [[constraints]] `roslf optimize` holds it"
 """Remedy of a limit that is not held."""
@@ -64,6 +65,8 @@ AS_BUILT = (
 
 SHARPER = "a better corrected lens, a smaller FAP or a smaller sensor lets more of the field hold it"
 """Remedy of detail that the corner of the field does not show."""
+COLOURLESS = "a monochrome sensor or smaller microlenses let single views show it in their colours, too"
+"""Remedy of detail that views behind colour filters fold."""
 FLAT = 179.0
 """Full angle of the widest field that a flat sensor sees [degrees]."""
 STEPS = ("nm", "um", "mm", "m")
@@ -236,6 +239,13 @@ def requirements(
             if met and low is not None and not quantity.within(low, None, corner):
                 only = ", ".join(filter(None, (only, "in the middle alone")))
                 remedy = "; ".join(filter(None, (remedy, f'field = "corner" requires it there; {SHARPER}')))
+        folds = {one.name: view_fold(camera, one, at) for one in filters(camera.colours)} if of_detail else {}
+        if folds and not undefined and max(value, low or 0.0) > min(folds.values()):
+            views = ", ".join(f"{name} above {number(each, 4)}" for name, each in folds.items())
+            counts = "; ".join(filter(None, (counts, f"of all pixels refocused; single views alias: {views} lp/mm")))
+            if met and low is not None and low > min(folds.values()):
+                only = ", ".join(filter(None, (only, "for refocused images alone")))
+                remedy = "; ".join(filter(None, (remedy, COLOURLESS)))
         if not met and not undefined:
             slip = _slip_of_unit(asked, low, high, value, quantity.unit)
             culprit = _culprit(quantity, camera, fold if of_detail and not sampled else value, low)

@@ -308,6 +308,11 @@ class _ListedPart:
     """Diameter or diagonal, with twice its decentre."""
 
 
+def view_fold(camera: Camera, one: ColourFilter, at: float | None = None) -> float:
+    """Nyquist frequency [lp/mm] of a view in one colour: one pixel of each microlens, of which some have the colour."""
+    return float(QUANTITIES["fold_lp_per_mm"](through_filter(camera, one), at)) * math.sqrt(one.share)
+
+
 @dataclass(frozen=True)
 class Colour:
     """The pixels of one colour, alone."""
@@ -333,12 +338,12 @@ class Colour:
     def of(cls, camera: Camera, one: ColourFilter) -> Colour:
         """Pixels behind a filter."""
         own = through_filter(camera, one)
-        names = ("image_diameter_px", "fold_lp_per_mm", "mtf50_lp_per_mm", "pixel_electrons", "sigma_disparity_pitches")
-        across, fold, sharp, charge, alone = (float(QUANTITIES[name](own)) for name in names)
+        names = ("image_diameter_px", "mtf50_lp_per_mm", "pixel_electrons", "sigma_disparity_pitches")
+        across, sharp, charge, alone = (float(QUANTITIES[name](own)) for name in names)
         given = "depth.disparity_error" in camera.numbers  # whatever light, and however many pixels
         spread = float(depth_error(own, None, alone if given else alone / math.sqrt(one.share)))
         apart = one.spacing
-        views = across / apart, fold * math.sqrt(one.share)
+        views = across / apart, view_fold(camera, one)
         return cls(one.name, 1e6 * one.wavelength, one.share, apart, *views, sharp, charge, spread)
 
 

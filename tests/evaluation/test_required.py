@@ -99,6 +99,21 @@ def test_contrast_of_detail_that_aliases_is_no_detail_and_gets_no_tick():
     assert not roslf.evaluate(asked(f'fold_lp_per_mm = {{at = "20 mm", min = {limits[1]}}}')).required[0].met
 
 
+@pytest.mark.parametrize("colours", ["mono", "RGGB"])
+def test_detail_behind_colour_filters_says_where_views_of_a_colour_alias(colours):
+    """Of a Bayer pattern half of the pixels are green, a quarter red: a view's samples are that many fewer."""
+    fold = 0.5 / roslf.specification(asked(""), 20.0).object_field[-1].object_sample_mm
+    text = f'{{at = "20 mm", min = {0.2 * fold:g}}}, {{at = "20 mm", min = {0.6 * fold:g}}}'
+    design = asked(f"detail_lp_per_mm = [{text}]").replace({"sensor.colours": colours})
+    within, beyond = roslf.evaluate(design).required
+    assert within.met
+    assert beyond.met
+    folds = f"red above {number(fold / 2, 4)}, green above {number(fold * 0.5**0.5, 4)}"
+    assert (folds in within.counts, folds in beyond.counts) == (colours != "mono",) * 2
+    assert "refocused" not in within.only
+    assert ("for refocused images alone" in beyond.only) == (colours != "mono")
+
+
 def test_what_an_optimiser_held_to_its_tolerance_is_met():
     has = roslf.evaluate(asked("field_of_view_deg = {min = 1}")).required[0].value
     room = roslf.evaluate(asked("non_distortion_room_mm = {min = -99}")).required[0].value
