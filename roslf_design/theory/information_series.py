@@ -17,15 +17,18 @@ from .disparity_information import ArrayKind, ImageRows, Spectrum, Texture, summ
 
 NEARLY_ALIKE = 64
 """Images from which series stand in for sums."""
-TRUE, CHECKS, FAINTEST = 1e-4, 8, 2e-6
+TRUE, CHECKS = 1e-4, 8
 """Error that a series may have in information where it is checked: at the outermost images along each axis and at as
-many others at least; and the share from which on a term counts, as far as `_coordinates` foresees it."""
-MOST, FEW, HALVED = 600, 3, 0.1
-"""Terms of a series beyond which its box is halved instead; images for each of them, at least; and the share of a box
-over which halves give way to each other, so that sigma has slopes there too."""
-LITTLE, SLOPES, BENT = 1e-3, 64, 2.0
-"""Spread of a coordinate, over its reach, from which on it tells others; steps in a unit of how much of them; and how
-much wider halves count whose whole had a series that was not right."""
+many of the farthest out at least. Sigma, which goes with the root, keeps to 1e-4 where twice that is left elsewhere."""
+FAINTEST, FINER = 2e-6, 4.0
+"""Share from which on a term counts, as far as `_coordinates` foresees it; and by how much fainter ones count in a
+series after one that was not right."""
+MOST, FEW, LOST, HALVED = 600, 3, 5, 0.1
+"""Terms of a series beyond which its box is halved instead; images for each of them, at least; all images for each sum
+that goes into series that are not right; and the share of a box over which halves give way to each other, so that sigma
+has slopes there too."""
+LITTLE, SLOPES = 1e-3, 64
+"""Spread of a coordinate, over its reach, from which on it tells others; and steps in a unit of how much of them."""
 NESTED = np.array([0.0, 1.0, -1.0, -0.577, 0.659, -0.839, 0.87, 0.306, -0.321, -0.943, 0.953, 0.48, -0.712, -0.156])
 """Places along an axis, each where it adds most to those before it (Leja)."""
 CLOSE, STEP = 0.004, 1e-5
@@ -40,9 +43,10 @@ _Case = tuple[ArrayKind, int, int, bytes, str | None]
 def interpolated_information(images: ImageRows, c: ArrayKind, level: int) -> Array:
     """Information of whole images, shape (N, M): of many by series in `_coordinates`, over boxes that hold them all.
 
-    Sigma to 1e-4 of what sums give. A box is halved until its series is right to `TRUE` at the outermost of its images,
-    which took no part in it, and at some between. Images too few for a series are summed. Fewer that lie close about
-    the first are taken from tangents there: so are its derivatives.
+    Sigma to 1e-4 of what sums give. A series takes on terms, then its box is halved, until it is right to `TRUE` at the
+    outermost of its images, which took no part in it. Images too few for a series are summed, and all that are left
+    when a fifth of them would have paid for what failed. Fewer that lie close about the first are taken from tangents
+    there: so are its derivatives.
     """
     # Builds that differ in what whole images do not depend on are worked out once, in their order; compared as bytes.
     numbers = np.column_stack([*images[:-2], *images.texture[:2], *images.own_shape])
@@ -63,37 +67,44 @@ def interpolated_information(images: ImageRows, c: ArrayKind, level: int) -> Arr
     information, alone = np.zeros(scale.shape), np.zeros(len(scale))
     about, spread = _uncorrelated(about / reach[:, None])
     along, spread = np.sqrt(np.square(spread).sum(0)), reach[:, None] * spread
-    boxes = [(np.arange(len(scale)), np.ones(len(scale)), 1.0)]
+    spare = len(scale) // LOST
+    boxes = [(np.arange(len(scale)), np.ones(len(scale)))]
     while boxes:
-        mine, weight, bent = boxes.pop()
+        mine, weight = boxes.pop()
         here = about[:, mine]
         least, most = here.min(1), here.max(1)
         # Of round sizes at round places, so that the next block of builds has the same.
         half = 2 ** (np.ceil(4 * np.log2(np.maximum(most - least, 1e-9) * 8 / 7)) / 4) / 2
         middle = np.round(2 * (least + most) / half) * half / 4
-        shares = half * along * bent
-        terms = _terms(tuple(shares.tolist()))
-        if FEW * min(len(terms), MOST) > mine.size:
+        shares = half * along
+        box = middle.tobytes(), half.tobytes(), spread.tobytes(), tuple(shares.tolist())
+        terms, many = _terms(box[-1], 0), min(MOST, mine.size // FEW, spare)
+        if min(len(terms), MOST) > many:
             alone[mine] += weight
             continue
-        if len(terms) <= MOST:
+        if len(terms) <= many:
             away = (here - middle[:, None]) / half[:, None]
-            values = _series(case, middle.tobytes(), half.tobytes(), spread.tobytes(), tuple(shares.tolist()))
-            with np.errstate(all="ignore"):  # where nothing tells anything, no series is right
-                guessed = np.exp(_sum_of(values, away, terms)) * scale[mine]
             ends = away[terms.any(0)]
-            some = np.unique([*ends.argmin(1), *ends.argmax(1), *range(0, mine.size, 1 + mine.size // CHECKS)])
+            far = np.argsort(shares @ np.abs(away))[-CHECKS:]
+            some = np.unique([*ends.argmin(1), *ends.argmax(1), *far])
             summed = summed_information(images.at(mine[some]), c, level, whole=True)
-            if (np.abs(guessed[some] - summed) <= TRUE * summed).all():
+            known, finer, right = 0, 0, False
+            while known < len(terms) <= many and not right:
+                with np.errstate(all="ignore"):  # where nothing tells anything, no series is right
+                    guessed = np.exp(_sum_of(_series(case, *box, finer), away, terms)) * scale[mine]
+                right = bool((np.abs(guessed[some] - summed) <= TRUE * summed).all())
+                known, finer = len(terms), finer + 1
+                terms = _terms(box[-1], finer)
+            if right:
                 information[mine] += weight[:, None] * guessed
                 continue
-            bent *= BENT  # more than foreseen
+            spare -= known + some.size
         widest = np.argmax(shares)
         above = np.clip((here[widest] - middle[widest]) / (HALVED * half[widest]) + 0.5, 0.0, 1.0)
         if (above > 0).all() or (above < 1).all():
             alone[mine] += weight
         else:
-            boxes += [(mine[part > 0], (weight * part)[part > 0], bent) for part in (1 - above, above)]
+            boxes += [(mine[part > 0], (weight * part)[part > 0]) for part in (1 - above, above)]
     some = np.flatnonzero(alone)
     if some.size:
         information[some] += alone[some, None] * summed_information(images.at(some), c, level, whole=True)
@@ -174,27 +185,32 @@ def _opening_of(width: Array, height: Array | None = None, turn: Array | None = 
 
 
 @functools.lru_cache(maxsize=256)
-def _terms(shares: tuple[float, ...]) -> NDArray[np.intp]:
-    """Powers along the axes of the terms that count, shape (terms, K), where each power along one adds such a share."""
+def _terms(shares: tuple[float, ...], finer: int) -> NDArray[np.intp]:
+    """Powers along the axes of the terms that count, shape (terms, K), where each power along one adds such a share.
+
+    By their shares, so that those of a finer series follow on those of a coarser one.
+    """
     terms, left, powers = np.zeros((1, 0), np.intp), np.ones(1), np.arange(len(NESTED))
     for share in shares:
         more = left[: MOST + 1, None] * share**powers
-        row, power = np.nonzero((more >= FAINTEST) | (powers == 0))
+        row, power = np.nonzero((more >= FAINTEST / FINER**finer) | (powers == 0))
         terms, left = np.column_stack([terms[row], power]), more[row, power]
-    return terms
+    return terms[np.argsort(-left, kind="stable")]
 
 
 @functools.lru_cache(maxsize=256)
-def _series(case: _Case, middle: bytes, half: bytes, spread: bytes, shares: tuple[float, ...]) -> Array:
+def _series(case: _Case, middle: bytes, half: bytes, spread: bytes, shares: tuple[float, ...], finer: int) -> Array:
     """Coefficients of the terms of a series over a box, shape (terms, M).
 
-    Through as many places as there are terms: nested along each axis, they pin all of them down.
+    Through as many places as there are terms: nested along each axis, they pin all of them down. A finer one goes on
+    from those of the coarser.
     """
-    terms = _terms(shares)
+    terms = _terms(shares, finer)
     offsets = NESTED[terms].T
     places = np.frombuffer(middle)[:, None] + np.frombuffer(half)[:, None] * offsets
     places = np.frombuffer(spread).reshape(len(places), -1) @ places
-    logarithms = _logarithms(case, len(places), places.tobytes())
+    parts = np.split(places, [len(_terms(shares, coarser)) for coarser in range(finer)], axis=1)
+    logarithms = np.concatenate([_logarithms(case, len(part), part.tobytes()) for part in parts])
     with np.errstate(invalid="ignore"):
         return np.asarray(np.linalg.solve(np.stack(list(_powers(offsets, terms)), -1), logarithms), float)
 
