@@ -32,7 +32,7 @@ from ..lenses.glass import ROOM
 from ..toml_files import nearest
 from .frames import Frame, Vector, along, cross, dot, frame, total
 from .lengths import ApparentLengths, RulerLengths
-from .numbers import TIP, TYPES, numbers_of, possible
+from .numbers import TEMPERATURES, TIP, TYPES, numbers_of, possible
 from .rims import Rim, place_of
 
 if TYPE_CHECKING:
@@ -171,6 +171,10 @@ class Camera(Symbols[Number]):
         if TEMPERATURE in given and self.growth is not None:
             moved = self.growth.moved(numbers, self[TEMPERATURE], numbers[TEMPERATURE])
             numbers |= {place: _number(value) for place, value in moved.items()}
+        coldest, warmest, known = TEMPERATURES
+        if TEMPERATURE in given and coldest in numbers and not given.keys() & {coldest, warmest}:  # asked at it alone
+            numbers.setdefault(known, _number((numbers[coldest] + numbers[warmest]) / 2))
+            numbers |= dict.fromkeys((coldest, warmest), numbers[TEMPERATURE])
         key = follower(given)
         if key is not None:
             numbers[key] = self.chain.followed(numbers, key)

@@ -186,8 +186,10 @@ class Design(Assembly):
         tilt = [math.atan(math.tan(angle) * grown) for angle in now.tilt]
         return self.replace({**own, "aperture.decentre": decentre, "aperture.tilt": tilt, **place})
 
-    def at_temperature(self, temperature: float | str) -> Design:
+    def at_temperature(self, temperature: float | str, *, ranging: bool = False) -> Design:
         """Design at another temperature [degrees C, or text], in a housing that does not grow where none is named.
+
+        It is `ranging` no more, but at that temperature, unless its range is to stay.
 
         Raises
         ------
@@ -196,7 +198,14 @@ class Design(Assembly):
         """
         if self.environment is None:
             return self.replace({"environment": {"temperature": temperature}})
-        return self.replace({TEMPERATURE: temperature})
+        changes: dict[str, Any] = {TEMPERATURE: temperature}
+        if (ends := self.environment.range) is not None and not ranging:
+            known = self.environment.calibrated_at
+            changes |= {
+                "environment.range": None,
+                "environment.calibrated_at": sum(ends) / 2 if known is None else known,
+            }
+        return self.replace(changes)
 
     @property
     def at_room(self) -> Design:
@@ -204,7 +213,7 @@ class Design(Assembly):
         if self.environment is None or self.environment.temperature == ROOM:
             return self
         try:
-            return self.at_temperature(ROOM)
+            return self.at_temperature(ROOM, ranging=True)
         except InputError:
             return self
 

@@ -14,6 +14,7 @@ from ..lenses.angles import F_TAN
 from ..options import Distance, check_distances
 from ..theory import tube
 from ..theory.depth_budget import COVERAGE, OVERLAP, DepthBudget, depth_budget
+from ..theory.depth_error import temperatures_met
 from ..theory.field_of_view import focus_ahead
 from ..theory.focused import has_views
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
@@ -69,8 +70,6 @@ class _AtDistance:
         return where, field, *depth, f"{number(self.usable_lp_per_mm, 3)} lp/mm"
 
 
-DISTANCES = ("ahead of the tip", "field", "depth, U", "mostly of", "detail")
-"""Headings of the table over distances."""
 MEANT = (
     f"On the axis. Depth, expected: ± U, k = {COVERAGE}, within which 95 of 100 single measurements lie. Detail: the "
     "finest that the refocused image shows as what it is, with half its contrast or more."
@@ -119,6 +118,8 @@ class FirstAnswer:
     """Walls that it counts, in words."""
     corner_lp_per_mm: float | None
     """Finest detail in the corner at the focal plane, refocused; None where it is dark, or pixels are no views."""
+    depth_degc: float | None
+    """Temperature that depths are expected at [degrees C]; None over `environment.range`, or where nothing tells it."""
     at: tuple[_AtDistance, ...]
     """At the focal plane, then at the distances asked for."""
 
@@ -175,7 +176,7 @@ class FirstAnswer:
             )
         farthest = shown.farthest
         outer = resolved(images, farthest, (FOCUS, focus), "refocused").usable_lp_per_mm if views else None
-        medium = shown.design.object_space.medium.name
+        medium, met = shown.design.object_space.medium.name, temperatures_met(camera)
         return cls(
             FieldOfView.of(ends, None),
             "" if medium == "air" else medium,
@@ -186,8 +187,15 @@ class FirstAnswer:
             float(QUANTITIES["outer_diameter_mm"](camera)),
             *tube.walls(camera),
             outer,
+            None if met is None or met[0] != met[1] else float(met[0]),
             tuple(planes),
         )
+
+    @property
+    def headings(self) -> tuple[str, ...]:
+        """Headings of the table over distances."""
+        warm = "" if self.depth_degc is None else f" at {self.depth_degc:g} °C"
+        return "ahead of the tip", "field", f"depth, U{warm}", "mostly of", "detail"
 
     @property
     def rows(self) -> tuple[Row, ...]:

@@ -20,7 +20,7 @@ from ..theory.focused import FocusedArray
 from ..theory.quantities import QUANTITIES, quantity_named
 from ..theory.quantity import Quantity
 from ..words import fixed, listed, number, place, spaced, uncertainty
-from .answer import DISTANCES, MEANT, FirstAnswer
+from .answer import MEANT, FirstAnswer
 from .groups import DepthAssumptions, Field, LookedThrough, Numbers, RealLens, Temperatures, Verdict
 from .required import Requirement
 
@@ -206,7 +206,7 @@ def _whose(result: Evaluation) -> str:
 
 def answer_tables(result: Evaluation) -> list[Table]:
     """Field of view, distances and light, then field, depth and detail by distance: what a buyer asks."""
-    rows = tuple(plane.cells for plane in result.answer.at)
+    rows, headings = tuple(plane.cells for plane in result.answer.at), result.answer.headings
     counts = f"U is {result.depth_budget.counted}."
     if result.real_lens is not None:
         counts += (
@@ -214,7 +214,7 @@ def answer_tables(result: Evaluation) -> list[Table]:
         )
     return [
         Table(result.answer.rows, "ldl", title="What it sees", widths=WIDTHS),
-        Table(rows, "l" * len(DISTANCES), DISTANCES, "At its distances", f"{MEANT} {counts}"),
+        Table(rows, "l" * len(headings), headings, "At its distances", f"{MEANT} {counts}"),
     ]
 
 

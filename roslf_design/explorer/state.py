@@ -315,7 +315,7 @@ class State:
     def _used(self, drawn: Design) -> Design:
         """A drawn design at the temperature that the camera is used at."""
         used = self.design.environment
-        return drawn if used is None else drawn.at_temperature(used.temperature)
+        return drawn if used is None else drawn.at_temperature(used.temperature, ranging=True)
 
     @property
     def followers(self) -> tuple[Follower, ...]:
@@ -450,7 +450,8 @@ class State:
         if symbol != TEMPERATURE.symbol:
             return self._used(self._changed(self.drawn, {**others, symbol: value}))
         at = ROOM if value is None else value
-        return self.design if value_of(self.design, symbol) == at else self.drawn.at_temperature(at)
+        same = value_of(self.design, symbol) == at
+        return self.design if same else self.drawn.at_temperature(at, ranging=True)
 
     def _faults_but(self, symbol: str) -> tuple[_Fault, ...]:
         return tuple(fault for fault in self.faults if fault.symbol != symbol)

@@ -224,6 +224,22 @@ def test_without_a_range_temperature_counts_from_there_to_its_own():
     assert float(warmer.u_mm) == 0.0
 
 
+def test_asked_at_a_temperature_a_range_counts_no_more():
+    """As if it stated no range, and was calibrated in its middle; a file keeps its range, whatever it is drawn at."""
+    degrees = [15.0, 22.0, 27.5, 45.0]
+    stated = {"environment.range": None, "environment.calibrated_at": 27.5}
+    alone = [WARM.replace({**stated, "environment.temperature": t}) for t in degrees]
+    expected = [float(QUANTITIES["u_z_mm"](Camera.of(one), 30.0)) for one in alone]
+    swept = roslf.sweep(WARM, {"environment.temperature": degrees}, "u_z_mm", at=30.0).values["u_z_mm"]
+    assert swept == pytest.approx(expected, rel=1e-9)
+    assert len({f"{u:.3g}" for u in expected}) == 4
+    results = [roslf.evaluate(WARM, temperature=t, at=30.0) for t in degrees]
+    assert [one.answer.at[1].u_z_mm for one in results] == pytest.approx(expected, rel=1e-9)
+    assert "depth, U at 22 °C" in str(results[1])
+    assert "depth, U at" not in str(roslf.evaluate(WARM))
+    assert WARM.at_room.environment.range == WARM.environment.range
+
+
 def test_lines_without_a_number_say_why():
     budget = terms(depth_budget(Camera.of(PAPER)))
     assert budget["lengths as built"].u_mm is None
