@@ -360,7 +360,7 @@ def expected_errors(
     end, what = max((pupil, "FAP is"), (0.0 if sheet.space is None else sheet.space.end, "farthest element ends"))
     if captures.distance - captures.distance_range / 2 <= end:
         raise CalibrationError(
-            f"boards at {captures.distance:g} ± {captures.distance_range / 2:g} mm reach into the bore: the {what} at"
+            f"boards at {captures.distance:g} mm over {captures.distance_range:g} mm reach into the bore: the {what} at"
             f" {end:.1f} mm from the lens"
         )
     if captures.views == 1 or captures.boards == 1:

@@ -192,10 +192,21 @@ def evaluate(
     )
 
 
-def held_as_built(result: Evaluation, shown: FieldImages, build: LengthCovariance) -> Evaluation:
-    """An evaluation of a design whose requirements, they alone, count its lengths as built."""
-    camera = Camera.of(shown.design)
-    return held_to(result, requirements(shown, camera, partial(depth_budget, camera, build=build)))
+def held_as_planned(
+    result: Evaluation, shown: FieldImages, build: LengthCovariance, planned: CalibratedLengths | None
+) -> Evaluation:
+    """An evaluation as drawn whose required depths, they alone, count lengths as a plan calibrates them.
+
+    As drawn where there is no plan; beside them stands the depth of a camera of that `build` that nobody calibrates.
+    """
+    camera, told = Camera.of(shown.design), result.required
+    if planned is not None:
+        told = requirements(shown, camera, partial(depth_budget, camera, build=build, calibration=planned))
+    bare = {one.at_mm: depth_budget(camera, one.at_mm, build=build) for one in told if one.quantity == "u_z_mm"}
+    once = "once calibrated as planned" * (planned is not None)
+    return held_to(
+        result, [one.beside(once, bare[one.at_mm].expanded_mm) if one.quantity == "u_z_mm" else one for one in told]
+    )
 
 
 def held_to(result: Evaluation, required: Sequence[Requirement]) -> Evaluation:

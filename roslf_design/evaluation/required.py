@@ -126,6 +126,15 @@ class Requirement:
             return ""
         return f"U = {self._with_unit(COVERAGE * value)}"
 
+    def beside(self, once: str, expanded: Array) -> Requirement:
+        """Requirement of a depth that is met `once` something is done, and U of lengths as a first look builds them."""
+        bare = f"without a calibration, lengths as a first look builds them, U = {uncertainty(float(expanded), 4)}"
+        told = replace(self, counts="; ".join(filter(None, (self.counts, bare))))
+        if not (self.met and once):
+            return told
+        remedy = "; ".join(filter(None, ("calibrate every camera, as the plan has it", self.remedy)))
+        return replace(told, only=", ".join(filter(None, (once, self.only))), remedy=remedy)
+
     def _with_unit(self, value: float) -> str:
         if self.quantity in ("u_z_mm", "sigma_z_mm"):
             return uncertainty(value, 4)

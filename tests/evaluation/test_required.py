@@ -11,12 +11,12 @@ from roslf_design.camera import Camera
 from roslf_design.design import DesignError, dumps, loads
 from roslf_design.design.files import preset_path
 from roslf_design.errors import InputError
-from roslf_design.evaluation.evaluate import held_as_built
+from roslf_design.evaluation.evaluate import held_as_planned
 from roslf_design.evaluation.required import AS_BUILT, limits_for_study, required_of
 from roslf_design.evaluation.result import answer_tables, depth_budget_tables
 from roslf_design.evaluation.specification import FieldImages
 from roslf_design.reporting.sheet.lines import basis, datasheet_json
-from roslf_design.theory.length_covariance import LengthCovariance
+from roslf_design.theory.length_covariance import CalibratedLengths, LengthCovariance
 from roslf_design.units import parse_quantity
 from roslf_design.words import number
 
@@ -159,8 +159,16 @@ def test_depth_that_is_required_says_what_it_counts_as_the_budget_has_it():
     assert "and lengths as built, without temperature" in built.verdicts[0].text
     assert bare.verdicts[0].text.startswith("met as drawn: ")
     assert [(one.verdicts[0].level, one.required[0].met) for one in (bare, built)] == [("limit", True), ("good", True)]
-    short = held_as_built(bare, FieldImages.of(asked(text)), LengthCovariance(("sensor.distance",), np.array([[1.0]])))
+    loose = LengthCovariance(("sensor.distance",), np.array([[1.0]]))
+    short = roslf.evaluate(asked(text), build=loose)
     assert [verdict.level for verdict in short.verdicts] == ["fault", *(one.level for one in bare.verdicts[1:])]
+    plan = CalibratedLengths(LengthCovariance(("sensor.distance",), np.array([[1e-6]])), planned=True)
+    shown, uncalibrated = FieldImages.of(asked(text)), short.required[0].expanded(short.required[0].value)
+    for planned, words in ((None, "met as drawn"), (plan, "met once calibrated as planned")):
+        held = held_as_planned(bare, shown, loose, planned)
+        assert held.verdicts[0].text.startswith(f"{words}: depth, expected")
+        assert f"as a first look builds them, {uncalibrated}" in held.verdicts[0].text
+        assert held.verdicts[1:] == bare.verdicts[1:]
     remedy = short.verdicts[0].remedy  # noise alone holds it: what spoils it is no work for an optimiser
     assert "`roslf calibrate --plan`" in remedy
     assert "tighter tolerances" in remedy

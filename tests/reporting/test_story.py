@@ -268,26 +268,28 @@ def refuse(*_, **__):
     raise OSError(28, "No space left on device")
 
 
-def test_a_required_depth_counts_the_builds_of_the_first_look(without_figures, few_builds):
+def test_a_required_depth_is_that_of_the_camera_calibrated_as_planned(without_figures, few_builds):
     asked = load("paper").replace({"required": {"u_z_mm": [{"max": 1e3}, {"at": "240 mm", "max": 1e3}]}})
     report = story.full_report(asked)
     (by_distance,) = (table for table in blocks(report, Table) if table.title == "At its distances")
     assert [row[0] for row in by_distance.rows][1:] == ["240 mm"]
     told = blocks(report, Statements)[0].items[0]
     assert "depth, expected" in told.text
-    assert "and lengths as built" in told.text
+    assert "lengths as calibrated" in told.text
+    assert told.text.startswith("Met once calibrated as planned: ")
     tables = {table.title: table for table in report.sections[1].blocks if isinstance(table, Table)}
     required, _ = tables["Required"].rows  # one verdict, that of the summary
-    assert required[-1].startswith("met: at most 1000 mm (U = 2000 mm); U = ")  # as tables show it
+    assert required[-1].startswith("~ met once calibrated as planned: at most 1000 mm (U = 2000 mm); U = ")
     assert "as drawn" not in required[-1]
     assert f" is {required[1]} (U = " in told.text
     lead, built, calibrated = tables["Depth, expected"].rows[:3]
     assert lead[0] == "expanded uncertainty U, k = 2, as drawn"
     assert lead[-1].endswith("quote it of no camera")
     assert built[0] == "U, without a calibration, lengths as a first look builds them"
-    assert f"U = {built[1]}" in required[-1]
-    assert built[-1].endswith("; required depths count it")
+    assert required[-1].endswith(f"without a calibration, lengths as a first look builds them, U = {built[1]}")
     assert calibrated[0] == "U, with lengths as calibrated"
+    assert f"; U = {calibrated[1]}" in required[-1]
+    assert calibrated[-1].endswith(", as planned; required depths count it")
     planned = next(items.items[-1].text for items in blocks(report, Statements) if "as planned" in items.items[-1].text)
     assert f"U = ± {float(calibrated[1].split()[0]):.3g} mm in the focal plane" in planned
     names = [row[0] for table in ("Distances", "Depth, expected") for row in tables[table].rows]

@@ -468,8 +468,8 @@ def plan_blocks(
     text = (
         f"{c.boards} images of a board of {size} cells of {length(c.board.cell)}, "
         f"tilted by up to {math.degrees(c.tilt):.3g} degrees, "
-        f"{c.distance:.4g} ± {c.distance_range / 2:.3g} mm "
-        f"in front of the lens; corners found to {c.noise:g} pitches in {len(c.view_grid())} views; focal length known "
+        f"{c.distance:.4g} mm in front of the lens, over {c.distance_range:.3g} mm (± {c.distance_range / 2:.3g}); "
+        f"corners found to {c.noise:g} pitches in {len(c.view_grid())} views; focal length known "
         f"to {asked.f_sigma}, {known}{white}{elements}. Standard deviations are from the Fisher matrix, medians over "
         "random sets of poses."
     )

@@ -174,13 +174,26 @@ def statements(trial: Trial) -> Iterator[Statement]:
     wrong: tuple[Tone, str] | None = None
     rms = math.hypot(spread, bias)
     if inside < RIGHT[0] - room or rms > WIDE * (1 + math.sqrt(2 / windows)) * summary.told_mm:
-        wrong = "caution", f"They are too small: for this scene believe {_mm(rms)} instead."
+        wrong = "caution", _too_few_inside(summary, rms, windows)
     elif inside > RIGHT[1] + room:
         wrong = "caution", "They are larger than need be: depths are better than reported."
     elif (summary.beyond_5 or 0.0) > TAIL:
         tail = 100 * (summary.beyond_5 or 0.0)
         wrong = "caution", f"Some are far off: {tail:.2g} % by more than five times the errors reported."
     yield _judged(text, windows, errors_right(summary), wrong)
+
+
+def _too_few_inside(summary: Summary, rms: float, windows: float) -> str:
+    """Remedy of errors that too few depths lie within, or that are too small: by which of it is so."""
+    told, bias = summary.told_mm or 0.0, abs(summary.bias_mm or 0.0)
+    if rms > told:
+        return f"They are too small: for this scene believe {_mm(rms)} instead."
+    why = "too small at some places, too large at others"
+    if bias > (summary.spread_mm or 0.0) / 2:
+        why = f"all are off by {_mm(bias)} together, which no error of single depths tells"
+    elif windows < ENOUGH:
+        why = "too few windows to tell"
+    return f"On the whole they are large enough, {_mm(told)} reported and {_mm(rms)} found: {why}."
 
 
 def errors_right(summary: Summary) -> bool:

@@ -13,7 +13,7 @@ from ...camera import Camera
 from ...design import dumps
 from ...design.files import WRITTEN
 from ...evaluation import evaluate
-from ...evaluation.evaluate import evaluation_accuracy, held_as_built, held_to
+from ...evaluation.evaluate import evaluation_accuracy, held_as_planned, held_to
 from ...evaluation.required import required_distances
 from ...evaluation.result import (
     absent_effects,
@@ -49,7 +49,7 @@ from ..blocks import (
     Tone,
 )
 from ..lens_words import lens_words
-from ..sheet.lines import SpreadSources, basis, datasheet_section, told_as_built
+from ..sheet.lines import SpreadSources, basis, datasheet_section, told_as_planned
 from . import figures as sheets
 from .curves import KnownLengths
 from .parts_list import parts_section
@@ -130,12 +130,12 @@ def design_report(
     result = evaluate(
         design, None, accuracy, at=wanted, build=grounds.build, calibration=grounds.calibration, shown=shown
     )
-    looked = grounds.looked
-    if looked is not None and grounds.build is None and grounds.calibration is None and result.has_views:
-        result = held_as_built(result, shown, looked)
-        grounds = told_as_built(grounds, result.required)
     if findings and "calibration" in findings:
         grounds = grounds._replace(planned=findings["calibration"].lengths)
+    looked = grounds.looked
+    if looked is not None and grounds.build is None and grounds.calibration is None and result.has_views:
+        result = held_as_planned(result, shown, looked, grounds.planned)
+        grounds = told_as_planned(grounds, result.required)
     if grounds.required:
         result = held_to(result, grounds.required)
     known = grounds.known

@@ -240,9 +240,9 @@ class SpreadSources(NamedTuple):
     required: tuple[Requirement, ...] = ()
     """Requirements as builds meet them, where a tolerance study gives them."""
     looked: LengthCovariance | None = None
-    """Lengths as a first look builds them: of the page the verdict on a required depth alone counts them."""
+    """Lengths as a first look builds them, known before a calibration that is planned."""
     planned: CalibratedLengths | None = None
-    """Lengths as a calibration that is planned will know them, for the table of depths by lengths alone."""
+    """Lengths as a calibration that is planned will know them, for required depths and the depths by lengths."""
 
     @property
     def design(self) -> Design:
@@ -374,11 +374,10 @@ def _range_lines(within: WorkingRange) -> Iterator[_SheetLine]:
     yield _SheetLine("Distances", f"{within.label}, far", far, "mm", within.remark, own)
 
 
-def told_as_built(grounds: SpreadSources, required: Sequence[Requirement]) -> SpreadSources:
-    """Sources whose lines on a required depth count lengths as a first look builds them."""
-    looked = "; lengths as a first look builds them"
+def told_as_planned(grounds: SpreadSources, required: Sequence[Requirement]) -> SpreadSources:
+    """Sources whose lines on a required depth are these requirements'."""
     told = zip(required, grounds.rows, _required_lines(required), strict=False)
-    rows = [new._replace(remark=new.remark + looked) if one.quantity == "u_z_mm" else old for one, old, new in told]
+    rows = [new if one.quantity == "u_z_mm" else old for one, old, new in told]
     return grounds._replace(rows=(*rows, *grounds.rows[len(rows) :]))
 
 
@@ -625,21 +624,20 @@ def _depths_by_lengths(grounds: SpreadSources) -> Iterator[tuple[str, DepthBudge
     camera, before = Camera.of(grounds.design), grounds.before
     looked = grounds.build is None and grounds.looked is not None
     calibration = grounds.planned if grounds.calibration is None else grounds.calibration
-    of_uncalibrated = "quote it of cameras that nobody calibrates"
-    of_uncalibrated += "; required depths count it" * (looked and grounds.calibration is None)
+    as_planned = f", as planned{'; required depths count it' * looked}"
     for lengths, budget, quote, tells in (
         ("as drawn", depth_budget(camera), "compare designs by it; quote it of no camera", ""),
         (
             "as a first look builds them" if looked else "as built",
             None if before is None else depth_budget(camera, build=before),
-            of_uncalibrated,
+            "quote it of cameras that nobody calibrates",
             "not known here: `roslf datasheet` of a tolerance study has it",
         ),
         (
             "as calibrated",
             None if calibration is None else depth_budget(camera, build=before, calibration=calibration),
             "quote it of a camera after its calibration"
-            + (", as planned" if grounds.calibration is None else "; the working range and required depths count it"),
+            + (as_planned if grounds.calibration is None else "; the working range and required depths count it"),
             "not known here: `roslf datasheet --calibration` FOLDER (of one made), or planned, tells it",
         ),
     ):
