@@ -253,7 +253,7 @@ class _FreedWaves(NamedTuple):
         gain = np.divide(sure.any(0), share, out=np.zeros_like(share), where=share > least)
         mixing = Mixing.of(parts, shares, own, usable, None, light.beside(images.fields, parts), known)
         pupil = light.side * np.stack([axis[own][:, usable].T for axis in (parts.x, parts.y)])
-        still = aside_by_cuts(light.camera, light.like, rows, columns, parts.light[own], False)[:, usable]
+        still = aside_by_cuts(light.camera, light.like, parts.light[own])[:, usable]
         weight = np.where(gain > 0, total[:, usable].T * share**2, 0.0)
         return cls(light, images, usable, gain, sure, mixing, pupil, still, weight, shared)
 

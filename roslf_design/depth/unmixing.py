@@ -55,6 +55,8 @@ MANY_BETWEEN, TURNED = 32, 0.2
 them, where the array is turned, beyond which it is taken of all."""
 FARTHEST = 0.25
 """Pitches from a microlens's middle beyond which no sample is taken to look."""
+CORNERS = (-1, -1), (-1, 1), (1, -1), (1, 1)
+"""Places of a microlens that stand for all of it, over their rms along each axis."""
 NEAR = 0.03
 """Pitches beside what a view shows up to which neighbours' light is taken for what it shows."""
 LEAST, SURE = 0.6, 0.65
@@ -203,11 +205,42 @@ class ViewLight:
     def parts(self) -> tuple[NDArray[np.intp], NDArray[np.intp], ImageParts]:
         """`ImageParts` of microlenses at some rows and columns of views; of one where all are alike."""
         rows, columns, _ = self.nodes
-        places = self.places[np.ix_(rows, columns)].reshape(-1, 2)
+        return rows, columns, self._parts_at(self.places[np.ix_(rows, columns)].reshape(-1, 2))
+
+    def _parts_at(self, places: NDArray[np.float64]) -> ImageParts:
         if self.real is not None and (cut := self.real.parts(self.like, places)) is not None:
-            return rows, columns, _of_lenses(cut, np.asarray(cut.light.any((1, 2, 3))))
+            return _of_lenses(cut, np.asarray(cut.light.any((1, 2, 3))))
         parts = _parts_at(panchromatic(self.camera), places, self.like, self.real)
-        return rows, columns, _nearer(parts, self.camera, places, self.like, self.real)
+        return _nearer(parts, self.camera, places, self.like, self.real)
+
+    @cached_property
+    def _own(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Microlenses' own light at the nodes, and that times its place on the FAP: on average, and its slopes.
+
+        Shape (3, node, t, s), and (2, node, t, s): how much more light passes their sides than their middles
+        [1/pitch], along u and v, as rims go from one microlens to the next.
+        """
+        rows, columns, parts = self.parts
+        own = parts.steps.index((0, 0))
+        light = np.stack([parts.light[own], parts.light[own] * parts.x[own], parts.light[own] * parts.y[own]])
+        slopes, side = np.zeros((2, *light.shape[1:])), float(self.camera.d) * self._side
+        middles = self.places[np.ix_(rows, columns)].reshape(-1, 2)
+
+        def kept(places: NDArray[np.float64]) -> NDArray[np.float64]:
+            return _cut(self.camera, places, self.real).shapes.kept_fraction[:, 0]
+
+        if len(middles) == 1 or kept(middles).min() >= 1 - 1e-9:
+            return light, slopes
+        sides = [middles + side * np.array(corner) for corner in CORNERS]
+        cut = np.flatnonzero(np.min([kept(places) for places in sides], 0) < 1 - 1e-9)
+        light[:, cut] = 0
+        for corner, places in zip(CORNERS, sides, strict=True):
+            there = self._parts_at(places[cut])
+            own = there.steps.index((0, 0))
+            even = there.light[own] / len(CORNERS)
+            light[:, cut] += [even, even * there.x[own], even * there.y[own]]
+            slopes[:, cut] += np.multiply.outer(np.array(corner) / self._side, even)
+        return light, slopes
 
     @cached_property
     def places(self) -> NDArray[np.float64]:
@@ -219,12 +252,19 @@ class ViewLight:
         """1, or -1 where the scene is turned round on the FAP."""
         return math.copysign(1.0, float(self.camera.seen.A) * float(self.camera.seen.D_F))
 
+    @property
+    def _side(self) -> float:
+        """Rms of places on a microlens, along each axis [pitches]: two such stand for all of them."""
+        return math.sqrt(LENS_SHAPES[self.camera.lens_shape].variance)
+
     @cached_property
     def _mixed(self) -> tuple[ImageParts, NodeMap, NDArray[np.intp], NDArray[np.float64] | None]:
         """Light in samples, the way from its nodes to lenses, the first lens of each row, and `beside`."""
         rows, columns, parts = self.parts
         field = self.like
-        parts = _as_they_stand(parts, field.u[columns], field.v[rows], PACKINGS[self.camera.layout].steps)
+        steps = PACKINGS[self.camera.layout].steps
+        parts = _as_they_stand(parts, field.u[columns], field.v[rows], steps, self._side)
+        parts.light[parts.steps.index((0, 0))] = self._own[0][0]
         lenses = field if field.hexagonal is None else field.hexagonal
         size = (lenses.values.shape[2], lenses.values.shape[3])
         start = np.zeros(size[0], int)
@@ -261,13 +301,13 @@ class ViewLight:
     @cached_property
     def looks(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """`PreparedViews.pupil` and `aside` by first order."""
-        rows, columns, parts = self.parts
-        own, size = parts.steps.index((0, 0)), (len(self.like.v), len(self.like.u))
+        rows, columns, _ = self.parts
+        size = len(self.like.v), len(self.like.u)
         over_view = NodeMap.of(rows, columns, size, size)
-        pupil = np.float32(self.side) * np.stack(
-            [over_view(np.moveaxis(axis[own], 0, -1)) for axis in (parts.x, parts.y)]
-        )
-        aside = over_view(aside_by_cuts(self.camera, self.like, rows, columns, parts.light[own]))
+        (light, *places), slopes = self._own
+        pupil = [np.divide(at, light, out=np.zeros_like(at), where=light > FAINT) for at in places]
+        pupil = np.float32(self.side) * np.stack([over_view(np.moveaxis(at, 0, -1)) for at in pupil])
+        aside = over_view(aside_by_cuts(self.camera, self.like, light, slopes))
         return (pupil[..., 0, 0], aside[..., 0, 0]) if rows.size == 1 else (pupil, aside)
 
     def flat_fielded(self) -> LightField:
@@ -387,44 +427,55 @@ def returned(light: ViewLight, views: PreparedViews, disparity: float) -> float:
 
 
 def _as_they_stand(
-    parts: ImageParts, u: NDArray[np.float64], v: NDArray[np.float64], lattice: NDArray[np.float64]
+    parts: ImageParts, u: NDArray[np.float64], v: NDArray[np.float64], lattice: NDArray[np.float64], far: float
 ) -> ImageParts:
     """Light of neighbours as stops cut it where they stand, not at the nodes, which lie at u and v [pitches].
 
-    A cut that moves by a hundredth of a pitch from one microlens to the next sends several hundredths of the light of
-    its rim elsewhere, which views would show as a shift to the side.
+    On average over microlenses, whose sides lie so `far` from their middles. A cut that moves by a hundredth of a pitch
+    from one microlens to the next sends several hundredths of the light of its rim elsewhere, which views would show as
+    a shift to the side.
     """
-    near = len(parts.steps)
-    light = parts.light[:near].reshape(near, v.size, u.size, *parts.light.shape[2:])
-    there = light.copy()
-    for axis, at, step in zip((2, 1), (u, v), lattice @ np.transpose(parts.steps), strict=True):
-        if at.size > 1:
-            there += step[:, None, None, None, None] * np.gradient(light, at, axis=axis)
-    there = np.where(light > 0, np.maximum(there, 0), light).reshape(near, *parts.light.shape[1:])
-    return parts._replace(light=np.concatenate([there, parts.light[near:]]))
+    if u.size == v.size == 1:
+        return parts
+    there = parts.light.reshape(len(parts.steps), v.size, u.size, *parts.light.shape[2:]).copy()
+    for light, (along, up) in zip(there, (lattice @ np.transpose(parts.steps)).T, strict=True):
+        light[:] = np.einsum("vw,ux,wxts->vuts", _sides(v, far, up), _sides(u, far, along), light, optimize=True)
+    there = np.maximum(there.reshape(parts.light.shape), 0)
+    return parts._replace(light=np.where(parts.light < 0, parts.light, there))
+
+
+def _sides(nodes: NDArray[np.float64], far: float, away: float) -> NDArray[np.float64]:
+    """Shares of the light of nodes in the mean of both sides of microlenses, so far `away` from the nodes, each a row.
+
+    Between nodes light goes by splines, beyond them by straight lines.
+    """
+    if nodes.size == 1:
+        return np.ones((1, 1))
+    from scipy.interpolate import CubicSpline
+
+    spline, mean = CubicSpline(nodes, np.eye(nodes.size)), np.zeros((nodes.size, nodes.size))
+    for place in (nodes + away - far, nodes + away + far):
+        inside = np.clip(place, nodes[0], nodes[-1])
+        mean += (spline(inside) + (place - inside)[:, None] * spline(inside, 1)) / 2
+    return mean
 
 
 def aside_by_cuts(
-    camera: Camera, field: LightField, rows: NDArray[np.intp], columns: NDArray[np.intp], light: NDArray[np.float64],
-    moving: bool = True,
-) -> NDArray[np.float64]:  # fmt: skip
-    """`PreparedViews.aside` at the nodes, shape (2, t, s, nodes); `moving` or not as rims go from one to the next.
+    camera: Camera, field: LightField, light: NDArray[np.float64], moving: NDArray[np.float64] | float = 0.0
+) -> NDArray[np.float64]:
+    """`PreparedViews.aside` at the nodes, shape (2, t, s, nodes); `moving` are slopes as of `ViewLight._own`.
 
     Where a stop is not what the microlenses have in focus on the sensor, it cuts another part of what passes each side
     of a microlens: a sample at the cut sees more of the scene behind the side that is cut less. The FAP's rim moves by
     the microlenses' defocus on the way over one of them, other rims move as they do from microlens to microlens.
     """
     variance = LENS_SHAPES[camera.lens_shape].variance
-    even = light.reshape(rows.size, columns.size, *light.shape[1:])
     blur = -float(microlens_defocus(camera) * camera.d / microlens_image_pitch(camera))
-    slopes = np.stack(
-        [blur * np.gradient(even, at / field.pitch, axis=axis) for axis, at in ((3, field.s), (2, field.t))]
+    slopes = moving + np.stack(
+        [blur * np.gradient(light, at / field.pitch, axis=axis) for axis, at in ((2, field.s), (1, field.t))]
     )
-    for slope, axis, at in zip(slopes, (1, 0), (field.u[columns], field.v[rows]), strict=True):
-        if moving and at.size > 1:
-            slope += np.gradient(even, at, axis=axis)
-    share = np.divide(slopes, even, out=np.zeros_like(slopes), where=even > DARKEST)
-    return np.moveaxis(np.clip(-variance * share, -FARTHEST, FARTHEST).reshape(2, *light.shape), 1, -1)
+    share = np.divide(slopes, light, out=np.zeros_like(slopes), where=light > DARKEST)
+    return np.moveaxis(np.clip(-variance * share, -FARTHEST, FARTHEST), 1, -1)
 
 
 def _freed(
