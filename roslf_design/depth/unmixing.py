@@ -305,8 +305,8 @@ class ViewLight:
         size = len(self.like.v), len(self.like.u)
         over_view = NodeMap.of(rows, columns, size, size)
         (light, *places), slopes = self._own
-        pupil = [np.divide(at, light, out=np.zeros_like(at), where=light > FAINT) for at in places]
-        pupil = np.float32(self.side) * np.stack([over_view(np.moveaxis(at, 0, -1)) for at in pupil])
+        means = [np.divide(at, light, out=np.zeros_like(at), where=light > FAINT) for at in places]
+        pupil = np.float32(self.side) * np.stack([over_view(np.moveaxis(at, 0, -1)) for at in means])
         aside = over_view(aside_by_cuts(self.camera, self.like, light, slopes))
         return (pupil[..., 0, 0], aside[..., 0, 0]) if rows.size == 1 else (pupil, aside)
 
