@@ -405,7 +405,8 @@ def _with_edges(judged: DisparityMap, wanted: Flags, look: SharedLight, start: S
     assert every is not None
     views, (low, high) = every.views, judged.search
     # The middle view shows what the microlens sees: without it a quarter agrees on what lies behind an edge beside.
-    left, above = ((side <= 1e-6, side >= -1e-6) for side in np.nanmean(views.pupil, axis=(2, 3)))
+    pupil = views.pupil[..., :1, :1] if views.still else views.pupil
+    left, above = ((side <= 1e-6, side >= -1e-6) for side in np.nanmean(pupil, axis=(2, 3)))
     few = views.sparse if len(views.grid) >= _MANY else np.ones(len(views.grid), np.bool_)
     lit = bool((views.lit == len(views.grid)).all())
     quarters = [Quarter.of(a & b, few, views.grid, lit) for a in left for b in above if (a & b).sum() > 2]
@@ -749,8 +750,9 @@ class _Zones(NamedTuple):
         )  # fmt: skip
         light = zones[:, 1]
         above, below = (np.minimum(each[..., :-1], each[..., 1:]) for each in (light[:, :-1], light[:, 1:]))
-        reach = float(np.abs(np.where(zones[:, 1:2] > 0, zones[:, 2:4], 0)).max())
-        return cls(zones, np.minimum(above, below), overall, views, max(reach, 1e-3))
+        places = zones[:, 2:4]  # 0 without light
+        reach = max(float(places.max()), -float(places.min()), 1e-3)
+        return cls(zones, np.minimum(above, below), overall, views, reach)
 
     def some(self, chosen: Flags) -> _Zones:
         """Some of them."""
