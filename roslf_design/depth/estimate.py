@@ -378,8 +378,7 @@ def estimate_disparity(
     wanted = (judged.status == DisparityStatus.INCONSISTENT) | (judged.status == DisparityStatus.OUT_OF_RANGE)
     wanted |= (judged.status == DisparityStatus.AMBIGUOUS) & (fit.misfit(largest_chi2) > 1)
     level = noise_by_texture(fit.chi2, look.picture, window) if noise.measured else np.ones(views.shape)
-    limits = Limits(largest_sigma, pooled, level, ndimage.minimum_filter(level, SIZES[0]))
-    return _with_edges(judged, wanted, look, first, limits)
+    return _with_edges(judged, wanted, look, first, Limits.of(largest_sigma, pooled, level))
 
 
 def _by_sides(judged: DisparityMap, step: Parted, largest_sigma: float, largest_chi2: float) -> DisparityMap:

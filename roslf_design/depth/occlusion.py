@@ -64,6 +64,11 @@ class Limits(NamedTuple):
     lowest: Array
     """Least of it near each microlens."""
 
+    @classmethod
+    def of(cls, largest_sigma: float, alike: Sequence[float] | None, level: Array) -> Limits:
+        """Limits by chi-square of windows that see one surface."""
+        return cls(largest_sigma, alike, level, np.asarray(ndimage.minimum_filter(level, SIZES[0])))
+
 
 class Quarter(NamedTuple):
     """Views of a quarter of the pupil."""
