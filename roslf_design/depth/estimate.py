@@ -350,7 +350,7 @@ def estimate_disparity(
         kept = seen[2] if seen is not None and seen[:2] == (half, robust) else None
         look = every.look([(other if half else whole, disparity)], picture, robust, kept)
         seen = half, robust, look
-        picture, fit = look.picture, WindowFit.of(look, window, rough=coarse and fresh)
+        picture, fit = look.picture, WindowFit.of(look, window)
         reliable = (fit.sigma < 2 * largest_sigma) & np.isfinite(fit.disparity)
         target = np.where(reliable, fit.disparity, look.disparity)
         disparity = np.clip(look.disparity + np.clip(target - look.disparity, -0.5, 0.5), *bound)
