@@ -55,6 +55,8 @@ class _AtDistance:
     usable_lp_per_mm: float | None
     """Finest detail on the axis, refocused."""
     limited_by: str
+    caution: str = ""
+    """Reasons to believe U less; empty where none is known."""
 
     @property
     def cells(self) -> tuple[str, ...]:
@@ -163,16 +165,19 @@ class FirstAnswer:
         for plane, distance in ((FOCUS, focus), *((ASKED, asked) for asked in others)):
             field = ObjectField.of(ends, distance, plane)
             u = expanded = lines = None
-            mostly = limit = ""
+            mostly = limit = caution = ""
             if views:
                 own = (plane == FOCUS and budget) or depth_budget(
                     camera, None if plane == FOCUS else distance, build=build, calibration=calibration
                 )  # fmt: skip
                 u, expanded, mostly = float(own.u_z_mm), float(own.expanded_mm), own.largest.name
+                caution = own.caution
                 detail = resolved(images, 0, (plane, distance), "refocused")
                 lines, limit = detail.usable_lp_per_mm, detail.limited_by
             planes.append(
-                _AtDistance(distance, plane, field.width_mm, field.height_mm, u, expanded, mostly, lines, limit)
+                _AtDistance(
+                    distance, plane, field.width_mm, field.height_mm, u, expanded, mostly, lines, limit, caution
+                )
             )
         farthest = shown.farthest
         outer = resolved(images, farthest, (FOCUS, focus), "refocused").usable_lp_per_mm if views else None
@@ -220,6 +225,11 @@ class FirstAnswer:
         outer = f"{number(self.outer_diameter_mm, 4)} mm"
         rows.append(("outer diameter", outer, f"{self.outer_diameter_about} {self.outer_diameter_counts}"))
         return tuple(rows)
+
+    @property
+    def cautions(self) -> list[str]:
+        """Lines on where U is to be believed less."""
+        return [f"{number(plane.at_mm, 4)} mm: {plane.caution}" for plane in self.at if plane.caution]
 
     @property
     def light_words(self) -> str:

@@ -98,6 +98,8 @@ class Requirement:
     """Value of the thin-lens model, where `value` is of rays through a real lens."""
     field: str | None = None
     """Place in the field that it is asked for at; None is the middle, or the whole."""
+    caution: str = ""
+    """Reasons to believe the value less; empty where none is known."""
 
     def holds(self, values: Array | float) -> NDArray[np.bool_]:
         """Where values are within, but for what an optimiser's rounding may leave; nowhere where they are NaN."""
@@ -152,7 +154,8 @@ class Requirement:
         where += "" if self.at_mm is None else f"_at_{self.at_mm:g}_mm"
         counts = "; ".join(filter(None, (self.expanded(self.value), self.counts)))
         counts = f" ({counts})" if counts else ""
-        text = f"{self.label} is {self.value_words}{counts}, required {self.both_limits}"
+        caution = f", {self.caution.replace('; ', ', and ')}" if self.caution else ""  # no verdict in brief cuts it
+        text = f"{self.label} is {self.value_words}{counts}{caution}, required {self.both_limits}"
         if self.met and self.only:
             name = f"required_{self.quantity}{where}"
             return Verdict(name, False, "limit", f"{self.outcome}: {text}", self.remedy)
@@ -194,8 +197,8 @@ def requirements(
     }
     told = []
     for asked, quantity, low, high in limits(shown.design):
-        depth = quantity.name == "u_z_mm"
-        closed = float(budget(asked.at).u_z_mm) if depth else float(quantity(camera, asked.at))
+        depth = budget(asked.at) if quantity.name == "u_z_mm" else None
+        closed = float(quantity(camera, asked.at) if depth is None else depth.u_z_mm)
         field, rays = asked.field, shown.told(quantity, asked.at)
         middle, sampled = closed if rays is None else rays, False
         if field is not None:
@@ -216,10 +219,11 @@ def requirements(
         aliases = field is None and not undefined and min(value, closed) > fold
         if aliases:
             counts = f"of contrast; detail above {number(fold, 4)} {quantity.unit} aliases"
-        if met and depth and budget(at).as_drawn:
+        worst, caution = (None, "") if depth is None or undefined else (depth.worst, depth.caution)
+        if met and depth is not None and depth.as_drawn:
             only, remedy = "as drawn", AS_BUILT
-        elif depth and not undefined and high is not None and value > high:
-            remedy = _of_depth(budget(at), high)
+        elif depth is not None and not undefined and high is not None and value > high:
+            remedy = _of_depth(depth, high)
         elif met and aliases and low is not None and low > fold:
             place = "" if at is None else f'at = "{at:g} mm", '
             only = "by contrast alone"
@@ -233,6 +237,9 @@ def requirements(
             remedy = f"{alone}; {WAYS}" if alone else ""
         elif met and quantity.name == "working_distance_mm" and low is not None and high is not None:
             only, remedy = _of_the_focal_plane(camera, low, high)
+        if met and worst is not None and not quantity.within(low, high, worst[1] / COVERAGE):
+            only = ", ".join(filter(None, (only, "over environment.range, not at its worse end")))
+            remedy = "; ".join(filter(None, (remedy, MENDED_BY[WARMTH])))
         if met and at is not None and quantity.of_views and (blurred := _blurred(camera, at)):
             only = ", ".join(filter(None, (only, "where single views blur")))
             remedy = "; ".join(filter(None, (remedy, blurred)))
@@ -267,8 +274,8 @@ def requirements(
             only = ", ".join(filter(None, (only, "by the thin-lens model alone")))
             beyond = f"no aberration of {lens.name} is in that: leave it a margin"
             remedy = "; ".join(filter(None, (remedy, beyond)))
-        numbers = (at, low, high, known)
-        told.append(Requirement(quantity.name, label, *numbers, quantity.unit, met, counts, only, remedy, twin, field))
+        numbers, words = (at, low, high, known), (counts, only, remedy)
+        told.append(Requirement(quantity.name, label, *numbers, quantity.unit, met, *words, twin, field, caution))
     return tuple(told)
 
 

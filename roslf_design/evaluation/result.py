@@ -207,7 +207,7 @@ def _whose(result: Evaluation) -> str:
 def answer_tables(result: Evaluation) -> list[Table]:
     """Field of view, distances and light, then field, depth and detail by distance: what a buyer asks."""
     rows, headings = tuple(plane.cells for plane in result.answer.at), result.answer.headings
-    counts = f"U is {result.depth_budget.counted}."
+    counts = " ".join(f"{line}." for line in (f"U is {result.depth_budget.counted}", *result.answer.cautions))
     if result.real_lens is not None:
         counts += (
             " Field, light and detail are of rays through the real lens, distances and depth of its thin-lens model."
@@ -430,6 +430,8 @@ def _print_answer(result: Evaluation, verdicts: Sequence[Verdict], console: Cons
     _print_verdicts(verdicts[:leading], console)
     for table in answer_tables(result):
         print_table(table, console, least=() if table.headings else LEAST)
+    for line in result.answer.cautions:
+        console.print(plain_text(line, "yellow"))
     console.print()
     _print_verdicts(verdicts[leading:], console)
     for warning in result.warnings:

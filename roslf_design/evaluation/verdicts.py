@@ -106,10 +106,10 @@ def lens_speed(design: Design, camera: Camera) -> tuple[Verdict, ...]:
         return ()
     text = (
         f"ideal lens: f/{speed:.3g} over {2 * math.degrees(math.atan(tangent)):.3g} degrees as the lens's own middle "
-        "sees the array (the field of view is from the entrance pupil), single pencils "
-        f"f/{float(pupil_f_number(camera)):.3g}; aperture by field is {beyond:.3g} times that of a double Gauss, "
-        f"f/{FAST:g} over {WIDE:g} degrees; a lens of one or two elements can take that in, but hardly sharp over the "
-        "field: its aberrations are not in these figures"
+        "sees the array (the field of view is from the entrance pupil), "
+        f"{beyond:.3g} times the aperture by field of a double Gauss, f/{FAST:g} over {WIDE:g} degrees; single pencils "
+        f"f/{float(pupil_f_number(camera)):.3g}; a lens of one or two elements can take that in, but hardly sharp over "
+        "the field: its aberrations are not in these figures"
     )
     remedy = "`roslf evaluate` with a real lens (main_lens.prescription) before trusting resolution and depth"
     return (Verdict("lens_speed", False, "limit", text, remedy),)
@@ -124,7 +124,7 @@ def _reversed(camera: Camera) -> tuple[Verdict, ...]:
     ways = "left and right" if across >= up else "top and bottom"
     count = sum(part.element.bounces for part in parts)
     by = "one reflection" if count == 1 else f"{count} reflections, an odd number"
-    text = f"picture is reversed ({ways}), by {by} ({listed([part.name for part in parts])})"
+    text = f"picture is reversed, {ways}, by {by}: {listed([part.name for part in parts])}"
     return (Verdict("picture_reversed", False, "limit", text, "turn it round where it is shown"),)
 
 
@@ -318,7 +318,7 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
             return Verdict.of("field_undistorted", f"{UNCUT}: {bound}; {sees}")
         folded = [field.x_ml_mm for field in lens.fields if field.status == "folded"]
         places = ", ".join(f"{place(x_ml)} mm" for x_ml in folded)
-        where = f"; folded over (a caustic of the pupil) at {places}" if folded else ""
+        where = f", folded over (a caustic of the pupil) at {places}" if folded else ""
         other = lens.turned_x_ml_max_mm
         wider = other is not None and other > lens.x_ml_max_mm
         turned = f"the other way round the lens sees whole images out to {other:.4g} mm; " if wider else ""
@@ -378,13 +378,13 @@ def lit(answer: FirstAnswer) -> Verdict:
     stops = f"{abs(math.log2(light)):.2g}"
     stops += " stop" if stops == "1" else " stops"
     text = f"{share}, {stops} {'less' if light < 1 else 'more'}: {answer.light_words}"
-    noise = f"noise there counts {light**-0.5:.2g} times as much; " if light < 1 else ""
+    noise = f"; noise there counts {light**-0.5:.2g} times as much" if light < 1 else ""
     ways = answer.corner_evened_by or FLAT_FIELD
     if light < CUT * answer.corner_slant:
         ways = "free the images from what cuts them (the field's verdict says what)"
     if light > 1:
         ways = "a smaller sensor, or a lens that keeps the pupil's size over the field, evens it"
-    return Verdict(name, False, "limit" if light >= DIM else "fault", text, f"{noise}{ways}")
+    return Verdict(name, False, "limit" if light >= DIM else "fault", text, f"{ways}{noise}")
 
 
 def _fits(camera: Camera) -> Verdict:
@@ -396,21 +396,25 @@ def _fits(camera: Camera) -> Verdict:
     uncounted = f" ({tube.uncounted(camera)})" if tube.uncounted(camera) else ""
     if not wide:
         (widest, _), unjudged = max(within, key=itemgetter(1)), tube.unjudged(camera)
-        text = f"the tube: {holds}; widest is {the(widest.name)}, {widest.sizes(camera)}{uncounted}"
+        text = f"{holds}; widest is {the(widest.name)}, {widest.sizes(camera)}{uncounted}"
         if unjudged:
-            return Verdict("fits_tube", False, "limit", f"fits inside {text}; {unjudged}", "look at its drawing")
-        return Verdict.of("fits_tube", f"fits inside {text}")
+            text = f"fits inside the tube, but {unjudged}; {text}"
+            return Verdict("fits_tube", False, "limit", text, "look at its drawing")
+        return Verdict.of("fits_tube", f"fits inside the tube: {text}")
     parts = [
-        f"{part.name} ({part.sizes(camera)}, "
-        + (f"{needed - room:.4g} mm too much)" if part.aside is None else f"of {outer / 2:.4g} mm)")
+        f"{part.name} of {part.sizes(camera)} is {needed - room:.4g} mm too wide"
+        if part.aside is None
+        else f"{part.name} lies {part.sizes(camera)}, of {outer / 2:.4g} mm"
         for part, needed in wide
     ]
-    text = f"does not fit inside the tube: {holds}; too wide: {', '.join(parts)}{uncounted}"
-    ways = f"smaller ones, or a tube of {on_side(max(needed for _, needed in wide) + 2 * wall, True, 4)} mm outside"
+    text = f"does not fit inside the tube: {listed(parts)}; {holds}{uncounted}"
+    wider = f"a tube of {on_side(max(needed for _, needed in wide) + 2 * wall, True, 4)} mm outside"
+    ways = f"smaller ones, or {wider}"
     seen = [2 * (float(half) + float(camera.d)) for half in sensor_field(camera).half]
     if "microlens array" in [part.name for part, _ in wide] and math.hypot(*seen) <= room:
         sides = ", ".join(f'"{on_side(side, True, 3)} mm"' for side in seen)
-        ways += f"; microlens_array.size = [{sides}] is all that the sensor sees: arrays are diced to size"
+        ways = f"an array diced to all that the sensor sees, microlens_array.size = [{sides}], or {wider}"
+        ways = f"smaller ones, {ways}" if wide[1:] else ways
     behind = {float(camera.cold.tip - part.place): part.name for part, _ in wide}
     if tube.LENGTH not in camera.numbers and (far := [ahead for ahead in behind if ahead > outer]):
         ways += f"; where it ends before {the(behind[min(far)])}, say so: [tube] length, below {number(min(far), 4)} mm"
@@ -497,7 +501,7 @@ def _thin(f: Numbers, lens: RealLens) -> Verdict:
         return Verdict.of(name, "thin lens: no field was asked for")
     image = farthest_off(lens)
     if image is None:
-        return Verdict.of(name, "thin lens fails: no field asked for has a whole image", other)
+        return Verdict.of(name, f"thin lens fails: through {lens.lens} no field asked for has a whole image", other)
     moved, wider, percent, at = image
     size = (
         f"at {place(at)} mm on the MLA {lens.lens} shifts the microlens image by {moved:.3g} px and "
@@ -507,7 +511,7 @@ def _thin(f: Numbers, lens: RealLens) -> Verdict:
     lost = [place(field.x_ml_mm) for field in lens.fields if field.shift_px is None or field.widening_px is None]
     if not lost and moved + abs(wider) / 2 <= SLACK_PX:
         return Verdict.of(name, f"thin lens holds for the places and sizes of images: {size}")
-    none = f"; there is no whole image at {listed(lost)} mm" if lost else ""
+    none = f", and there is no whole image at {listed(lost)} mm" if lost else ""
     return Verdict.of(name, f"thin lens does not hold: {size}{none}", other)
 
 

@@ -22,8 +22,8 @@ FAR = 1e3
 REACH, STEP, GUESS, CLOSE, LARGE = 5.0, 1.5, 0.1, 2e-3, 30.0
 """Logarithms: of how far, in distances of the focal plane, ends are looked for where views are sharp without end or up
 to the tip; of a step; of what is added to a guess; of how well the end is known; the largest told from infinity."""
-BudgetAt = Callable[[float], DepthBudget]
-"""Budget of depth at a distance ahead of the tip [mm]."""
+BudgetAt = Callable[..., DepthBudget]
+"""Budget of depth at a distance ahead of the tip [mm], with or without `worst`, as `depth_budget`."""
 
 
 class WorkingRange(NamedTuple):
@@ -45,7 +45,7 @@ class WorkingRange(NamedTuple):
         focus = float(focus_ahead(camera))
         start = focus if 0 < focus < math.inf else FAR
         budget = budget or partial(depth_budget, camera)
-        focused = budget(start)
+        focused = budget(start, worst=False)
         return cls(near, far, _useful_to(budget, near, start, focused, far), focused.lengths)
 
     @property
@@ -93,7 +93,7 @@ def _useful_to(budget: BudgetAt, near: float, focus: float, focused: DepthBudget
 
     def excess(at: float, known: DepthBudget | None = None) -> float:
         """Logarithm of U over a tenth of the distance, by that of the distance."""
-        u = float((known or budget(math.exp(at))).expanded_mm) / (TENTH * math.exp(at))
+        u = float((known or budget(math.exp(at), worst=False)).expanded_mm) / (TENTH * math.exp(at))
         return min(max(math.log(u), -LARGE), LARGE) if u > 0 else -LARGE
 
     start = math.log(focus)

@@ -71,8 +71,10 @@ class DepthBudget:
     terms: tuple[BudgetTerm, ...]
     disparity_pitches: Array
     """Standard error of the disparity between the FAP's rims that noise alone leaves [microlens pitches]."""
-    caution: str = ""
-    """Why the sum may be believed less, in words; empty where nothing is known."""
+    worst: tuple[float, float] | None = None
+    """Temperature of the worse end of a range [degrees C] and U there [mm]; None where that is hardly more than U."""
+    uncovered: bool = False
+    """Whether no board covers the distance."""
     calibrated_at_degc: Array | float | None = None
     """Temperature that the term of temperature counts from [degrees C]; None where there is none."""
 
@@ -104,6 +106,15 @@ class DepthBudget:
         return "; ".join(filter(None, (f"mostly {self.largest.name}", drawn, self.caution)))
 
     @property
+    def caution(self) -> str:
+        """Reasons to believe the sum less; empty where none is known."""
+        worst = ""
+        if self.worst is not None:
+            degrees, expanded = self.worst
+            worst = f"at {degrees:g} °C, the worse end of environment.range, U = {uncertainty(expanded, 3)}"
+        return "; ".join(filter(None, (worst, MODEL_ALONE * self.uncovered)))
+
+    @property
     def words(self) -> str:
         """The combined standard uncertainty and its largest term, of one build."""
         return f"u = {uncertainty(float(self.u_z_mm), 3)}, mostly {self.largest.name}"
@@ -130,11 +141,11 @@ class DepthBudget:
 
     @property
     def counted(self) -> str:
-        """Sources that the sum is of, and those that it is without; the caution."""
+        """Sources that the sum is of, and those that it is without."""
         names = [term.name for term in self.terms if term.u_mm is not None and np.any(term.u_mm)]
         lacking = [term.name for term in self._lacking]
         without = f", without {listed(lacking)}" if lacking else ""
-        return "; ".join(filter(None, (f"of {listed(names or ['nothing'])}{without}", self.caution)))
+        return f"of {listed(names or ['nothing'])}{without}"
 
     def to_dict(self) -> dict[str, Any]:
         """`depth.expected` of `roslf evaluate --json`, of one build."""
@@ -144,6 +155,7 @@ class DepthBudget:
             "k": COVERAGE,
             "lengths": self.lengths,
             "calibrated_at_degc": None if self.calibrated_at_degc is None else float(self.calibrated_at_degc),
+            "caution": self.caution,
             "terms": [term.to_dict() for term in self.terms],
         }
 
@@ -154,6 +166,7 @@ def depth_budget(
     *,
     build: LengthCovariance | None = None,
     calibration: CalibratedLengths | None = None,
+    worst: bool = True,
 ) -> DepthBudget:
     """The uncertainty budget of depth on the axis, of one measurement of ``depth.window`` microlenses.
 
@@ -168,6 +181,8 @@ def depth_budget(
     calibration : CalibratedLengths, optional
         In place of the build, whose tolerances are what was known before (`CalibratedLengths.after`). What the lengths
         that it knows do not tell of the others keeps a term of its own.
+    worst : bool
+        Whether the worse end of a range of temperatures is looked for.
 
     Returns
     -------
@@ -211,25 +226,26 @@ def depth_budget(
             warmth, remark = None, f"nothing says how {listed([*silent])} would grow"
     alone = bool(calibration is not None and at is not None and np.isin(at, calibration.uncovered_mm).any())
     terms.append(BudgetTerm(WARMTH, "B", "trueness", warmth, remark))
-    budget = DepthBudget(tuple(terms), sigmas[0], MODEL_ALONE * alone, None if met is None else met[2])
-    worst = "" if met is None or warmth is None or np.size(warmth) != 1 else _at_worst(c, at, budget, met)
-    return replace(budget, caution="; ".join(filter(None, (worst, budget.caution))))
+    budget = DepthBudget(tuple(terms), sigmas[0], None, alone, None if met is None else met[2])
+    if not worst or met is None or warmth is None or c.shape or np.ndim(warmth):
+        return budget
+    return replace(budget, worst=_at_worst(c, at, budget, met))
 
 
-def _at_worst(c: Camera, at: Depth | Array, budget: DepthBudget, met: tuple[Number, Number, Number]) -> str:
-    """U at the worse end of a range of temperatures, over which its term is a mean; empty where it is hardly more."""
+def _at_worst(
+    c: Camera, at: Depth | Array, budget: DepthBudget, met: tuple[Number, Number, Number]
+) -> tuple[float, float] | None:
+    """Worse end of a range of temperatures, over which their term is a mean, and U there; None where hardly more."""
     coldest, warmest, known = met
-    if c.shape or coldest == warmest:
-        return ""
+    if coldest == warmest:
+        return None
     *rest, warmth = budget.terms
     ends = {
         float(end): replace(budget, terms=(*rest, replace(warmth, u_mm=temperature_error(c, at, (end, end, known)))))
         for end in (coldest, warmest)
     }
     degrees, worst = max(ends.items(), key=lambda item: float(item[1].u_z_mm))
-    if not float(worst.u_z_mm) > WORSE * float(budget.u_z_mm):
-        return ""
-    return f"over the range; at {degrees:g} °C, at worst, U = {uncertainty(float(worst.expanded_mm), 3)}"
+    return (degrees, float(worst.expanded_mm)) if float(worst.u_z_mm) > WORSE * float(budget.u_z_mm) else None
 
 
 def _lengths(

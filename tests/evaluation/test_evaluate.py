@@ -334,6 +334,7 @@ def test_an_ideal_lens_beyond_a_double_gauss_of_f_1_4_over_46_degrees_says_so():
     (beyond,) = told(1.001)
     assert (beyond.ok, beyond.level) == (False, "limit")
     assert f"ideal lens: f/{scope.d_1 / (1.001 * bound):.3g} over " in beyond.text
+    assert "1 times the aperture by field of a double Gauss" in beyond.text.partition("; ")[0]  # in brief
     assert not any(verdict.name == "lens_speed" for verdict in roslf.evaluate("paper-singlet").verdicts)
 
 

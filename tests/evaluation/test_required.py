@@ -8,6 +8,7 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
+from roslf_design.cli import main
 from roslf_design.design import DesignError, dumps, loads
 from roslf_design.design.files import preset_path
 from roslf_design.errors import InputError
@@ -52,9 +53,30 @@ def test_limits_are_held_against_what_the_tables_say():
         "unit": "mm", "met": True,
         "counts": "of shot and read noise and view mismatch, without lengths as built and temperature",
         "only": "as drawn", "remedy": AS_BUILT, "thin_twin": None, "field": None,
+        "caution": "",
     }  # fmt: skip
     assert told[3]["value"] is None  # infinite
     assert told[3]["met"]
+
+
+WARM = {"environment": {"range": ["15 degC", "120 degC"], "housing": "aluminium"}}
+
+
+def test_a_depth_over_a_range_of_temperatures_tells_its_worse_end_in_brief_too(tmp_path, capsys):
+    """U there is that of the term of temperature at one end; met by the mean alone, it is met with that reservation."""
+    design = asked('u_z_mm = {max = "0.35 mm"}').replace(WARM)
+    result = roslf.evaluate(design)
+    degrees, worst = result.depth_budget.worst
+    told = f"at {degrees:g} °C, the worse end of environment.range, U = {worst:.3g} mm"
+    (depth,) = result.required
+    assert depth.caution == result.depth_budget.to_dict()["caution"] == told
+    assert depth.value < 0.35 < worst / 2
+    assert depth.only == "as drawn, over environment.range, not at its worse end"
+    roslf.save(design, tmp_path / "warm.toml")
+    assert main(["evaluate", str(tmp_path / "warm.toml")]) == 0
+    lines = " ".join(capsys.readouterr().out.split())
+    assert f"24.5 mm: {told} " in lines  # below the distances
+    assert f"~ met {depth.only}: {depth.label} is {depth.value_words}, {told}, required at most 0.35 mm" in lines
 
 
 def test_sizes_are_judged_and_told_as_at_20_degrees_whatever_the_camera_is_used_at():

@@ -89,13 +89,13 @@ def test_each_part_that_is_too_wide_is_named_with_what_is_missing(scope):
     assert outer(scope) == pytest.approx(10 + 0.5)  # the sensor's diagonal
     told = fits(scope)
     assert not told.ok
-    assert "10 mm outside and a wall of 0.25 mm leave 9.5 mm; too wide: sensor (10 mm, 0.5 mm too much)" in told.text
+    assert "tube: sensor of 10 mm is 0.5 mm too wide; 10 mm outside and a wall of 0.25 mm leave 9.5 mm" in told.text
     assert "a tube of 10.5 mm outside" in told.remedy
     narrow = fits(scope.replace({"tube.outer_diameter": 6.5}))
     for words in (
-        "plate 1 (6.2 mm, 0.2 mm too much)",
-        "main lens (8 mm, 2 mm too much)",
-        "sensor (10 mm, 4 mm too much)",
+        "plate 1 of 6.2 mm is 0.2 mm too wide",
+        "main lens of 8 mm is 2 mm too wide",
+        "sensor of 10 mm is 4 mm too wide",
     ):
         assert words in narrow.text
     assert "stop 1" not in narrow.text
@@ -151,18 +151,24 @@ def test_files_hold_a_tube_and_say_what_cannot_be(scope, tmp_path, capsys):
 def test_the_command_tells_it(scope, tmp_path, capsys):
     save(scope, tmp_path / "scope.toml")
     assert main(["evaluate", str(tmp_path / "scope.toml")]) == 0
-    assert "does not fit inside the tube" in " ".join(capsys.readouterr().out.split())
+    told = " ".join(capsys.readouterr().out.split())
+    assert (
+        "does not fit inside the tube: sensor of 10 mm is 0.5 mm too wide → smaller ones, or a tube of 10.5 mm" in told
+    )
 
 
-def test_an_array_too_wide_is_diced_to_what_the_sensor_sees():
+def test_an_array_too_wide_is_diced_to_what_the_sensor_sees(tmp_path, capsys):
     tube = {"outer_diameter": 4.0, "wall": 0.2}
     wide = roslf.load("rigid-scope").replace({"microlens_array.size": (10.0, 10.0), "tube": tube})
 
     def fits(design):
         return next(verdict for verdict in roslf.evaluate(design).verdicts if verdict.name == "fits_tube")
 
-    assert "arrays are diced" in fits(wide).remedy
+    assert "an array diced to all that the sensor sees, " in fits(wide).remedy
     size = re.search(r"microlens_array.size = (\[.*?\])", fits(wide).remedy)[1]
+    save(wide, tmp_path / "wide.toml")
+    assert main(["evaluate", str(tmp_path / "wide.toml")]) == 0
+    assert f"microlens_array.size = {size}" in " ".join(capsys.readouterr().out.split())  # in brief, too
     cut = wide.replace({"microlens_array.size": json.loads(size)})
     assert fits(cut).level == "good"
     assert roslf.evaluate(cut).value("field_half_width_mm") == roslf.evaluate(wide).value("field_half_width_mm")
@@ -223,7 +229,7 @@ def test_a_real_lens_is_as_wide_as_its_widest_surface_whatever_its_clear_apertur
         (scope.replace({**small, "main_lens": {"prescription": lens}}), "main lens"),
     ):
         told = fits(design)
-        assert f"too wide: {name} (9.6 mm, 0.1 mm too much)" in told.text
+        assert f"tube: {name} of 9.6 mm is 0.1 mm too wide; " in told.text
         assert "a tube of 10.1 mm outside" in told.remedy
         assert outer(design) == pytest.approx(9.6 + 0.5)
     assert float(design.D) == 5.0
@@ -254,7 +260,7 @@ def test_what_lies_ahead_of_a_fold_stands_sideways(sideways):
     assert outer(far) == pytest.approx(2 * math.hypot(9, 1))
     assert outer(far.replace({"elements.1.diameter": None})) == pytest.approx(18)
     long = sideways.replace({"elements.0.thickness": 4.9, "elements.1.diameter": 0.1, "elements.0.diameter": 8.0})
-    assert f"prism 1 (sideways, out to {math.hypot(2.45, 4):.4g} mm" in fits(long).text
+    assert f"prism 1 lies sideways, out to {math.hypot(2.45, 4):.4g} mm" in fits(long).text
     slanting = far.replace({"elements.0.deviation": math.pi / 6})
     assert outer(slanting.replace({"tube": None})) == pytest.approx(2 * (9 / 2 + math.cos(math.pi / 6)))
     unknown = fits(far.replace({"elements.0.reflections": 2}))
@@ -270,7 +276,7 @@ def test_a_short_tube_is_named_where_what_is_too_wide_lies_behind_it(scope):
 
 
 def test_a_picture_reversed_by_one_reflection_is_told_of(sideways):
-    assert "reversed (left and right), by one reflection (prism 1)" in verdict(sideways, "picture_reversed").text
+    assert "reversed, left and right, by one reflection: prism 1" in verdict(sideways, "picture_reversed").text
     twice = roslf.evaluate(sideways.replace({"elements.0.reflections": 2}))
     assert all(one.name != "picture_reversed" for one in twice.verdicts)
 
@@ -283,4 +289,4 @@ def test_a_bought_window_counts_to_its_outside(scope):
     assert fits(thin).ok
     told = fits(thin.replace({"elements": [{**drawn, "part": "sapphire 8 x 1 mm"}]}))
     assert not told.ok
-    assert "plate 1 (8 mm, 0.6 mm too much)" in told.text
+    assert "plate 1 of 8 mm is 0.6 mm too wide" in told.text

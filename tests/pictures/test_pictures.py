@@ -4,6 +4,7 @@ import math
 import pickle
 import re
 import xml.etree.ElementTree as ET
+from functools import partial
 
 import numpy as np
 import pytest
@@ -501,7 +502,7 @@ def test_depth_is_drawn_over_the_working_range_and_all_that_is_required():
     scope = load("rigid-scope").replace({"required": asked})
     known = KnownLengths(LengthCovariance(("microlens_array.distance", "aperture.distance"), np.diag([1e-4, 1e-3])))
     curve, camera = _depth_curve(scope, 7, known), Camera.of(scope)
-    near, far = WorkingRange.of(camera, lambda at: known.budget(camera, at)).ends
+    near, far = WorkingRange.of(camera, partial(known.budget, camera)).ends
     assert curve.distance[0] < 3.0 < near < far <= curve.distance[-1] * (1 + 1e-9)
     assert {3.0, 60.0, 90.0} <= {*curve.distance}
     for at, u, bound in zip(curve.distance[::3], curve.expected[::3], curve.sigma[::3], strict=True):

@@ -1,6 +1,7 @@
 """A calibration in a report: the numbers and drawings of its folder, what is none, and plans that fit a design."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -233,6 +234,13 @@ def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine():
         in depth.text
     )
     assert depth.text.startswith("Calibration as planned, by captures alone: ")
+    warm = paper.replace({"environment": {"range": ["15 degC", "70 degC"], "housing": "aluminium"}})
+    told = plan_finding(warm, asked).section.blocks[1].items[0].text
+    ends = r" at -?\d+ °C, the worse end of environment.range, U = [\d.]+ mm"
+    assert re.search(rf"in the focal plane, mostly [^;,]+, but{ends}; ± ", told)
+    assert re.search(
+        rf"at 300 mm ahead of the tip, mostly [^;,]+, but{ends}, and no board covers that distance: ", told
+    )
     built = LengthCovariance(("sensor.distance",), np.array([[1e-6]]))
     text, *_, alone = (item.text for item in plan_finding(paper, asked, built).section.blocks[1].items)
     assert text.startswith("Calibration as planned, with tolerances known before: ")

@@ -70,8 +70,10 @@ def test_a_range_tells_the_worst_of_it_as_a_camera_used_there_alone_has_it():
     worst = {end: float(depth_budget(Camera.of(one)).expanded_mm) for end, one in ends.items()}
     end = max(worst, key=worst.get)
     budget = depth_budget(Camera.of(SINGLET))
-    assert budget.caution.startswith(f"over the range; at {end} °C, at worst, U = ")
+    assert budget.caution.startswith(f"at {end} °C, the worse end of environment.range, U = ")
     told = float(budget.caution.split(" = ")[1].split()[0])
+    assert budget.to_dict()["caution"] == budget.caution
     assert told == pytest.approx(worst[end], rel=3e-2)  # the camera is focused where it is, here at another temperature
     assert told > budget.expanded_mm
     assert not depth_budget(Camera.of(ends[end])).caution
+    assert depth_budget(Camera.of(SINGLET), np.array([240.0])).worst is None  # of one camera at one distance alone

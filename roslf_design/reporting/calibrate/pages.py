@@ -493,7 +493,7 @@ def plan_blocks(
     helps = best and after[best] <= float(depth.u_z_mm) / LEAST_GAIN
     places = {"in the focal plane": depth}
     places |= {f"at {number(z, 4)} mm ahead of the tip": planned_depth(design, plan, asked, build, z) for z in asked.at}
-    mostly = {where: one.mostly.replace(";", ", but") for where, one in places.items()}
+    mostly = {where: one.mostly.replace("; ", ", but ", 1).replace("; ", ", and ") for where, one in places.items()}
     depths = [f"± {_rounded(one.expanded_mm)} {where}, {mostly[where]}" for where, one in places.items()]
     promise = f"Calibration as planned, {supposed}: depth, expected, to U = {'; '.join(depths)}."
     promise += f"{f' {other}' if build is None else ''} Assumes a board of {size} cells."

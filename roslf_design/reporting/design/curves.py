@@ -80,9 +80,9 @@ class KnownLengths:
     at: tuple[float, ...] = ()
     """Distances ahead of the tip that were asked for [mm], which curves reach."""
 
-    def budget(self, camera: Camera, at: Array | float | None) -> DepthBudget:
+    def budget(self, camera: Camera, at: Array | float | None, *, worst: bool = True) -> DepthBudget:
         """Budget of depth at distances ahead of the tip [mm]; None is the focal plane."""
-        return depth_budget(camera, at, build=self.build, calibration=self.calibration)
+        return depth_budget(camera, at, build=self.build, calibration=self.calibration, worst=worst)
 
 
 AS_DRAWN = "lengths as drawn"

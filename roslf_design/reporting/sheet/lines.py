@@ -355,7 +355,7 @@ def _required_lines(required: Iterable[Requirement]) -> Iterator[_SheetLine]:
         if of_builds(one) and one.at_mm is not None:
             of = partial(_at_distance, QUANTITIES[one.quantity], one.at_mm, 1.0)
         mark = f"{MARKS['limit']} " if one.met and one.only else ""
-        told = [f"{mark}{one.outcome}: {one.both_limits}", one.expanded(one.value), one.counts]
+        told = [f"{mark}{one.outcome}: {one.both_limits}", one.expanded(one.value), one.counts, one.caution]
         text = "" if one.value is not None and math.isfinite(one.value) else one.value_words
         yield _SheetLine(REQUIRED, one.label, one.value, one.unit, "; ".join(filter(None, told)), own, text, of)
 
