@@ -39,7 +39,7 @@ from ..theory.quantities import NO_LENS_MOVES, quantity_named
 from ..theory.quantity import FEASIBLE, Quantity
 from ..words import length, number, on_side, the, uncertainty
 from .groups import Verdict
-from .remedies import reaching
+from .remedies import MATCH, Holds, is_matched, reaching
 from .specification import FieldImages, view_fold
 
 WAYS = "`roslf sweep` shows what moves it, and as a study's [[constraints]] `roslf optimize` holds it"
@@ -195,7 +195,10 @@ def requirements(
         "u_z_mm": lambda at: budget(at).counted,
         "outer_diameter_mm": lambda _: tube.walls(camera)[1],
     }
-    told = []
+    told, others = [], dict[str, Holds]({MATCH: is_matched} if has_views(camera) else {})
+    for asked, quantity, low, high in limits(shown.design):
+        if asked.field is None and not quantity.numeric:
+            others[f"{quantity.label or quantity.name} as required"] = partial(_within, quantity, asked.at, low, high)
     for asked, quantity, low, high in limits(shown.design):
         depth = budget(asked.at) if quantity.name == "u_z_mm" else None
         closed = float(quantity(camera, asked.at) if depth is None else depth.u_z_mm)
@@ -233,7 +236,7 @@ def requirements(
                 f"{{{place}min = {low:g}}} requires both"
             )
         elif not met and rays is None and not undefined and not quantity.numeric:
-            alone = reaching(camera, quantity, at, low, high)
+            alone = reaching(camera, quantity, at, low, high, others)
             remedy = f"{alone}; {WAYS}" if alone else ""
         elif met and quantity.name == "working_distance_mm" and low is not None and high is not None:
             only, remedy = _of_the_focal_plane(camera, low, high)
@@ -308,6 +311,10 @@ def _slip_of_unit(asked: Required, low: float | None, high: float | None, value:
     if not 0.75 <= abs(steps) <= 1.25 or not 0 <= meant < len(STEPS):
         return ""
     return f"{text}: did you mean {STEPS[meant]}? the design has {number(value, 3)} {unit}"
+
+
+def _within(quantity: Quantity, at: float | None, low: float | None, high: float | None, camera: Camera) -> Array:
+    return quantity.within(low, high, quantity(camera, at))
 
 
 def _of_depth(budget: DepthBudget, most: float) -> str:

@@ -33,12 +33,8 @@ from ..words import in_file, length, listed, number, on_side, percent, place, th
 from .answer import STOP, FirstAnswer
 from .fields import Place, default_fields, field_openings
 from .groups import Field, Numbers, RealLens, Verdict
-from .remedies import ways_of
+from .remedies import GAP_SLACK, OVERLAP_SLACK, SLACK_PX, ways_of
 
-SLACK_PX = 0.5
-"""Overlap or gap of neighbouring microlens images that still counts as matched [px]."""
-OVERLAP_SLACK, GAP_SLACK = 0.01, 0.05
-"""Slacks as shares of the pitch, where that allows more: overlap mixes views, a gap only wastes pixels."""
 NEIGHBOURS = 3.0
 """Microlenses across, so that one has a neighbour on either side, without which nothing is matched."""
 EVEN = math.sqrt(STOP)
@@ -432,8 +428,10 @@ def _field_remedy(camera: Camera, field: Numbers) -> str:
         return f"the tube leaves no room to widen {names}: {others}, or a wider tube, frees the field"
     if [*grow] == ["main lens"]:
         wide = float(camera.cold.D) * (1 + grow["main lens"] / float(camera.D))
+        sure = min((one.clear_aperture for one in camera.lens.prescribed if one.clear_aperture), default=math.inf)
+        lens = "a main lens" if wide <= sure * (1 + FEASIBLE) else f"another main lens (this one's is {length(sure)}),"
         return (
-            f"a main lens of {on_side(wide, True, 4)} mm clear aperture frees the whole field; "
+            f"{lens} of {on_side(wide, True, 4)} mm clear aperture frees the whole field; "
             "a smaller FAP, a FAP closer to the lens or a smaller sensor helps too"
         )
     if any(cut["rim"].endswith("mapping") for cut in field.cut_by):

@@ -549,3 +549,20 @@ def test_the_middle_named_is_the_middle_left_out():
         roslf.evaluate(asked('detail_lp_per_mm = [{min = 0.5}, {max = 0.1, field = "middle"}]'))
     with pytest.raises(InputError, match="middle"):
         asked('detail_lp_per_mm = {min = 0.5, field = "korner"}')
+
+
+def test_a_remedy_of_a_warm_camera_cures_it_and_names_what_it_spoils():
+    """Typed into the file, whose lengths are those at 20 degrees C."""
+    warm = roslf.load("cystoscope").at_temperature(60)
+    warm = warm.replace({"environment.housing": "aluminium"})
+    across = float(roslf.quantity("views_geometric")(Camera.of(warm)))
+    asked_for = warm.replace({"required": {"views_geometric": [{"min": 1.1 * across}]}})
+    remedy = roslf.evaluate(asked_for).verdicts[0].remedy
+    found = dict(re.findall(r"(d_2|D_F|d_3) = ([\d.]+) mm", remedy))
+    assert {"d_2", "D_F"} <= found.keys()
+    for symbol, text in found.items():
+        cured = asked_for.at_room.replace({symbol: float(text)}).at_temperature(60)
+        (first, second, *_), fill = roslf.evaluate(cured).verdicts, roslf.evaluate(cured).f_number.fill_factor
+        assert (first.name, first.ok, second.name) == ("required_views_geometric", True, "f_number_matched"), text
+        told = f"{symbol} = {text} mm [spoils the f-number match: image fill {fill:.3g}]"
+        assert (told in remedy) != second.ok
