@@ -118,7 +118,7 @@ def diagrams(
     scene, quantity, jobs, seed = options.scene, options.quantity, options.jobs, options.seed
     accuracy, field = options.accuracy, options.field
     loaded = as_design(design)
-    axis = None if field is None else parse_field(field)
+    axis = None if field is None else parse_field(field, loaded)
     promises, page = study("promises"), study("page")
     wanted = [quantity] if quantity else [] if scene else list(QUANTITIES)
     unfit = {name: why for name in wanted if (why := promises.unfit(loaded, name, axis))}

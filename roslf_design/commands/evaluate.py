@@ -9,10 +9,12 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from ..design import Design
 from ..errors import refusal
 from ..evaluation import evaluate as compute
 from ..evaluation.evaluate import evaluation_accuracy
-from ..evaluation.fields import MOST_FIELDS
+from ..evaluation.fields import FIELD_NAMES, MOST_FIELDS, Place, default_fields
+from ..evaluation.required import required_distances
 from ..evaluation.result import Evaluation, field_table, print_evaluation, print_short
 from ..evaluation.specification import FieldImages, specification
 from ..tables import csv_bytes
@@ -68,11 +70,11 @@ def evaluate(
     Parameters
     ----------
     field
-        Place of a microlens on the array in mm, along x ("11.15") or "x,y", whose image is reported; may be given
-        several times. Default: centre, edge and corner of what the sensor sees.
+        Place of a microlens on the array in mm, along x ("11.15") or "x,y", or "centre", "edge" or "corner" of what
+        the sensor sees, whose image is reported; may be given several times. Default: these three.
     at
         Distance ahead of the tip, as "10mm", that the first lines report beside the focal plane; may be given several
-        times.
+        times. Default: those that [required] names.
     temperature
         Of the camera, as "37degC". Default: what the design's [environment] says, else 20 degC.
     output
@@ -90,12 +92,12 @@ def evaluate(
         raise refusal(
             "field", f"given {len(field)} times; give {MOST_FIELDS} fields at most, the others in another run"
         )
-    fields = None if field is None else [parse_field(text) for text in field]
     began = time.perf_counter()
     loaded = as_design(design)
+    fields = None if field is None else [parse_field(text, loaded) for text in field]
     if temperature is not None:
         loaded = loaded.at_temperature(_parse_temperature(temperature))
-    distances = read_distances(at)
+    distances = read_distances(at) if at else sorted(required_distances(loaded, FARTHEST["length"]))
     shown = FieldImages.of(loaded)
     result = compute(loaded, fields, accuracy, at=distances, shown=shown)
     ending = told.exit_code(result)
@@ -144,12 +146,14 @@ def _parse_temperature(text: str) -> float:
         raise refusal("temperature", str(error)) from None
 
 
-def parse_field(text: str) -> tuple[float, float]:
-    """Read "11.15" or "x,y" as a position on the MLA [mm]; refused where it is none that a camera can have."""
+def parse_field(text: str, design: Design) -> Place:
+    """Read "11.15", "x,y" or "corner" as a position on the MLA [mm]; refused where it is none a camera can have."""
+    if text in FIELD_NAMES:
+        return default_fields(design)[FIELD_NAMES.index(text)]
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
         numbers = []
     if len(numbers) not in (1, 2) or not all(abs(number) <= FARTHEST["length"] for number in numbers):
-        raise refusal("field", f'cannot read "{text}"; write mm on the MLA, as "11.15" or "11.15,7.4"')
+        raise refusal("field", f'cannot read "{text}"; write mm on the MLA, as "11.15" or "11.15,7.4", or corner')
     return numbers[0], numbers[1] if len(numbers) == 2 else 0.0

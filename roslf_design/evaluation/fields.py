@@ -37,6 +37,8 @@ RAYS = 65_536
 BEST_ACCURACY = 3e-5
 """Below this, counting takes more rays than memory holds comfortably."""
 
+FIELD_NAMES = ("centre", "edge", "corner")
+"""Names of `default_fields`."""
 MOST_FIELDS = 500
 """Fields looked at in one run."""
 TRACING = 1.5

@@ -256,7 +256,8 @@ def requirements(
                 filter(None, (counts, f"in the middle; in the field's corner {number(corner, 3)} lp/mm"))
             )
             if met and low is not None and not quantity.within(low, None, corner):
-                only = ", ".join(filter(None, (only, "in the middle alone")))
+                much_less = f", {number(corner, 3)} lp/mm in the corner" * (corner < low / 2)
+                only = ", ".join(filter(None, (only, f"in the middle alone{much_less}")))
                 remedy = "; ".join(filter(None, (remedy, f'field = "corner" requires it there; {SHARPER}')))
         folds = {one.name: view_fold(camera, one, at) for one in filters(camera.colours)} if of_detail else {}
         if folds and not undefined and max(value, low or 0.0) > min(folds.values()):

@@ -38,7 +38,7 @@ from ..design import Design
 from ..design.files import expect_kind
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
-from ..evaluation.fields import MOST_FIELDS, unseen
+from ..evaluation.fields import FIELD_NAMES, MOST_FIELDS, unseen
 from ..evaluation.required import limits_for_study, studied
 from ..options import Options, Seed, up_to
 from ..sobol import BITS
@@ -60,8 +60,6 @@ MOST_MEMORY, SOBOL_ROWS = 1 << 30, 600
 """Bytes that Sobol indices may take, and numbers a sample beside those of factors: weights of its resampling."""
 """Fifteen hours of a processor at best."""
 
-FIELD_NAMES = ("centre", "edge", "corner")
-"""Fields of what the sensor sees, as `roslf evaluate` takes them."""
 SAME_PLACE = 1e-9
 """Distance below which two fields are one [mm]."""
 FORMAT = 10

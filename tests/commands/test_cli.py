@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from roslf_design import evaluate, preset_names
+from roslf_design import evaluate, load, preset_names, save
 from roslf_design.cli import COMMANDS, main
 from roslf_design.errors import printable
 
@@ -221,3 +221,13 @@ def test_letters_that_a_terminal_does_not_know_are_spelled_out():
     done = subprocess.run([*COMMAND, "evaluate", b"\xff.toml"], capture_output=True, check=False)
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_evaluate_shows_the_distances_that_are_required_and_fields_by_name(tmp_path, capsys):
+    asked = load("paper").replace({"required": {"field_half_width_mm": [{"at": "240 mm", "min": 1.0}]}})
+    save(asked, tmp_path / "a.toml")
+    assert main(["evaluate", str(tmp_path / "a.toml"), "--json", "--field", "corner", "--field", "centre"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [one["at_mm"] for one in told["answer"]["at"]][1:] == [240.0]
+    centre, _, corner = evaluate(asked).fields
+    assert [tuple(one["x_ml_mm"]) for one in told["fields"]] == [corner.x_ml_mm, centre.x_ml_mm]

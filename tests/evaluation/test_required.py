@@ -485,6 +485,11 @@ def test_detail_that_the_middle_alone_shows_says_so():
     assert hard.met
     assert "in the middle alone" in hard.only
     assert 'field = "corner" requires it there' in hard.remedy
+    for share, told in ((0.9, False), (0.4, True)):  # of it in the corner: much less is said before all else
+        limit = min(corner / share, middle)
+        (one,) = required_of(design.replace({"required": {"detail_lp_per_mm": {"min": limit}}}))
+        words = f"met in the middle alone, {number(corner, 3)} lp/mm in the corner: "
+        assert one.verdict.text.startswith(words) == (told and limit > 2 * corner)
 
 
 def test_detail_can_be_required_of_the_corner():
