@@ -20,6 +20,7 @@ from ..json_data import plain
 from ..reporting.blocks import Report
 from ..reporting.calibrate import pages
 from ..reporting.printers import page_files
+from ..reporting.story import first_look_lengths
 from ..theory.limits import as_design
 from ..units import Angle, Distance, Length
 from .refused import refused
@@ -195,4 +196,5 @@ def _print_plan(design: str, asked: PlanOptions, distortion: int | None, json: b
         told |= {"cover": plain(plan_cover(loaded, plan.captures, asked))}
         print(json_text({**plan.to_dict(loaded.name, asked.seed), **told}))
         return
-    print_titled(f"Plan of a calibration of {loaded.name}, by captures alone", pages.plan_blocks(loaded, plan, asked))
+    blocks = pages.plan_blocks(loaded, plan, asked, looked=first_look_lengths(loaded, asked.seed))
+    print_titled(f"Plan of a calibration of {loaded.name}, by captures alone", blocks)

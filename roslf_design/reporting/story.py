@@ -498,10 +498,12 @@ def _known(calibration: Path | PlanOptions, named: Design) -> CalibrationSpread:
 
 
 def _looked(design: Design, calibration: Path | PlanOptions | None) -> LengthCovariance | None:
-    """Lengths as a report's first look builds them, known before a calibration that is planned."""
-    if not isinstance(calibration, PlanOptions):
-        return None
-    return lengths_built(tolerance_plan(quick_study(design, calibration.seed), design)[0])
+    return first_look_lengths(design, calibration.seed) if isinstance(calibration, PlanOptions) else None
+
+
+def first_look_lengths(design: Design, seed: int) -> LengthCovariance:
+    """Lengths as a first look builds them, known before a calibration that is planned."""
+    return lengths_built(tolerance_plan(quick_study(design, seed), design)[0])
 
 
 def _known_if_told(calibration: Path, named: Design) -> CalibrationSpread | None:

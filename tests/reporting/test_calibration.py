@@ -229,10 +229,7 @@ def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine():
     assert f"U = ± {at_focus:.3g} mm in the focal plane" in depth.text
     assert f"± {there:.3g} mm at 300 mm ahead of the tip" in depth.text
     assert depth.text.count("there the model alone tells depth") == 1  # boards stand about the focal plane
-    assert (
-        "the model alone tells depth. A report, data sheet or story knows tolerances, too: its U is no larger."
-        in depth.text
-    )
+    assert "the model alone tells depth. Assumes a board" in depth.text
     assert depth.text.startswith("Calibration as planned, by captures alone: ")
     warm = paper.replace({"environment": {"range": ["15 degC", "70 degC"], "housing": "aluminium"}})
     told = plan_finding(warm, asked).section.blocks[1].items[0].text
@@ -245,6 +242,11 @@ def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine():
     text, *_, alone = (item.text for item in plan_finding(paper, asked, built).section.blocks[1].items)
     assert text.startswith("Calibration as planned, with tolerances known before: ")
     assert alone == f"By captures alone, as `roslf calibrate --plan`: ± {at_focus:.3g} mm."
+    looked = plan_blocks(paper, plan, asked, looked=built)[1].items[0].text  # as the command prints it: both
+    assert looked.startswith(depth.text.partition(" Assumes")[0])
+    with_tolerances = text.partition("U = ± ")[2].partition(" mm")[0]
+    assert f"known before, as in a report: ± {with_tolerances} mm in the focal plane." in looked
+    assert "in front of the lens, over 60 mm (± 30);" in plan_blocks(paper, plan, asked)[0].text
     # A camera is never known worse than it was built, nor than captures alone tell it.
     alone = plan.expected.sigma["d_3"]
     for made in (0.02 * alone, alone, 50 * alone):

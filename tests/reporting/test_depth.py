@@ -11,13 +11,13 @@ from roslf_design.depth.pictures import default_scene
 from roslf_design.reporting.depth.pages import _beside_evaluate, _percent, statements
 
 
-def said(windows, spread=0.010, inside=0.68, bias=0.0, tail=0.0):
-    """Marks of the last three questions: off on the whole, as predicted, errors told; predicted and told are 10 um."""
+def measured(windows, spread=0.010, inside=0.68, bias=0.0, tail=0.0, runs=1):
+    """The last three statements: off on the whole, as predicted, errors told; predicted and told are 10 um."""
     trial = SimpleNamespace(
         summary=lambda: Summary(bias, spread, 0.010, 0.010, inside, tail, 1.0),
         unknown=dict,
         compared=np.ones((25, windows), bool),
-        runs=(None,),
+        runs=(None,) * runs,
         first=SimpleNamespace(
             disparities=SimpleNamespace(window=5), geometry=SimpleNamespace(unit="mm", place_unit="mm")
         ),
@@ -27,7 +27,12 @@ def said(windows, spread=0.010, inside=0.68, bias=0.0, tail=0.0):
         raw=SimpleNamespace(design=None),
         assumes=lambda: {"texture": "the scene's"},
     )
-    last = list(statements(trial))[-3:]
+    return list(statements(trial))[-3:]
+
+
+def said(windows, **faults):
+    """Marks of these."""
+    last = measured(windows, **faults)
     for statement in last:
         assert ("Cannot be judged here" in statement.remedy) == (statement.tone == "plain")
         assert (statement.tone == "good") == (statement.remedy == "")
@@ -52,6 +57,21 @@ def said(windows, spread=0.010, inside=0.68, bias=0.0, tail=0.0):
 )
 def test_a_tick_stands_beside_what_holds_only(windows, faults, tones):
     assert said(windows, **faults) == tones
+
+
+@pytest.mark.parametrize(
+    ("faults", "words"),
+    [
+        ({"spread": 0.0600}, "believe 0.06 mm instead"),
+        ({"spread": 0.0083}, "too small at some places, too large at others"),
+        ({"spread": 0.0083, "runs": 2}, "what all exposures share"),
+        ({"spread": 0.0060, "bias": 0.006}, "all are off by 0.006 mm together"),
+    ],
+)
+def test_errors_that_depths_do_not_exceed_on_the_whole_are_not_called_too_small(faults, words):
+    remedy = measured(100, inside=0.43, **faults)[-1].remedy
+    assert words in remedy
+    assert ("too small: for this scene believe" in remedy) == (faults["spread"] > 0.010)
 
 
 def test_the_wall_s_predicted_error_and_evaluate_s_bound_differ_by_their_textures():

@@ -455,9 +455,16 @@ def cover_statement(cover: BoardCover, wider: str = "") -> Statement | None:
 
 
 def plan_blocks(
-    design: Design, plan: CapturePlan, asked: PlanOptions, build: LengthCovariance | None = None
+    design: Design,
+    plan: CapturePlan,
+    asked: PlanOptions,
+    build: LengthCovariance | None = None,
+    looked: LengthCovariance | None = None,
 ) -> tuple[Block, ...]:
-    """A plan with its promise and its changes; with the `build`'s tolerances, where a study knows them."""
+    """A plan with its promise and its changes; with the `build`'s tolerances, where a study knows them.
+
+    By captures alone, U with lengths as first `looked` at stands beside.
+    """
     c, before = plan.captures, plan.expected
     size = f"{c.board.columns} x {c.board.rows}"
     known = f"microlens pitch to {asked.d_sigma} and board to {asked.cell_sigma}"
@@ -477,7 +484,10 @@ def plan_blocks(
         text += f" Distortion is fitted ({_terms(plan.distortion)})."
     if SceneSide.of(design) is not None:
         text += " Boards stand at mechanical distances; d_3, H and the other lengths are as the main lens sees them."
-    supposed, other = "by captures alone", "A report, data sheet or story knows tolerances, too: its U is no larger."
+    supposed, other = "by captures alone", ""
+    if looked is not None:
+        u = planned_depth(design, plan, asked, looked).expanded_mm
+        other = f" With a first look's tolerances known before, as in a report: ± {_rounded(u)} in the focal plane."
     promises, changed = "What these captures promise", "Expected sigma after one change"
     if build is not None:
         u = planned_depth(design, plan, asked).expanded_mm
@@ -496,7 +506,7 @@ def plan_blocks(
     mostly = {where: one.mostly.replace("; ", ", but ", 1).replace("; ", ", and ") for where, one in places.items()}
     depths = [f"± {_rounded(one.expanded_mm)} {where}, {mostly[where]}" for where, one in places.items()]
     promise = f"Calibration as planned, {supposed}: depth, expected, to U = {'; '.join(depths)}."
-    promise += f"{f' {other}' if build is None else ''} Assumes a board of {size} cells."
+    promise += f"{other if build is None else ''} Assumes a board of {size} cells."
     remedy = sentence(f"{best}: ± {_rounded(2 * after[best])} in the focal plane") if helps else NO_GAIN
     answers = [Statement("plain", promise, remedy)]
     large = too_large(design, c)

@@ -174,7 +174,7 @@ def statements(trial: Trial) -> Iterator[Statement]:
     wrong: tuple[Tone, str] | None = None
     rms = math.hypot(spread, bias)
     if inside < RIGHT[0] - room or rms > WIDE * (1 + math.sqrt(2 / windows)) * summary.told_mm:
-        wrong = "caution", _too_few_inside(summary, rms, windows)
+        wrong = "caution", _too_few_inside(trial, summary, rms, windows)
     elif inside > RIGHT[1] + room:
         wrong = "caution", "They are larger than need be: depths are better than reported."
     elif (summary.beyond_5 or 0.0) > TAIL:
@@ -183,12 +183,14 @@ def statements(trial: Trial) -> Iterator[Statement]:
     yield _judged(text, windows, errors_right(summary), wrong)
 
 
-def _too_few_inside(summary: Summary, rms: float, windows: float) -> str:
+def _too_few_inside(trial: Trial, summary: Summary, rms: float, windows: float) -> str:
     """Remedy of errors that too few depths lie within, or that are too small: by which of it is so."""
     told, bias = summary.told_mm or 0.0, abs(summary.bias_mm or 0.0)
     if rms > told:
         return f"They are too small: for this scene believe {_mm(rms)} instead."
     why = "too small at some places, too large at others"
+    if len(trial.runs) > 1:
+        why = "a place is off by what all exposures share, too, which their scatter does not show"
     if bias > (summary.spread_mm or 0.0) / 2:
         why = f"all are off by {_mm(bias)} together, which no error of single depths tells"
     elif windows < ENOUGH:
