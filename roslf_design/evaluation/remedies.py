@@ -25,7 +25,7 @@ SLACK_PX = 0.5
 OVERLAP_SLACK, GAP_SLACK = 0.01, 0.05
 """Slacks as shares of the pitch, where that allows more: overlap mixes views, a gap only wastes pixels."""
 MATCH = "the f-number match"
-"""What `is_matched` judges, in words."""
+"""Name of what `is_matched` judges."""
 Holds = Callable[[Camera], NDArray[np.bool_]]
 """Whether cameras are as wanted, each of several builds."""
 SYMBOLS = ("d_2", "D_F", "d_3")

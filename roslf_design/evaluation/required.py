@@ -195,10 +195,7 @@ def requirements(
         "u_z_mm": lambda at: budget(at).counted,
         "outer_diameter_mm": lambda _: tube.walls(camera)[1],
     }
-    told, others = [], dict[str, Holds]({MATCH: is_matched} if has_views(camera) else {})
-    for asked, quantity, low, high in limits(shown.design):
-        if asked.field is None and not quantity.numeric:
-            others[f"{quantity.label or quantity.name} as required"] = partial(_within, quantity, asked.at, low, high)
+    told, others = [], _also_held(shown.design, camera)
     for asked, quantity, low, high in limits(shown.design):
         depth = budget(asked.at) if quantity.name == "u_z_mm" else None
         closed = float(quantity(camera, asked.at) if depth is None else depth.u_z_mm)
@@ -228,56 +225,44 @@ def requirements(
         elif depth is not None and not undefined and high is not None and value > high:
             remedy = _of_depth(depth, high)
         elif met and aliases and low is not None and low > fold:
-            place = "" if at is None else f'at = "{at:g} mm", '
-            only = "by contrast alone"
-            remedy = (
-                f"believe the sampling: a sample a microlens carries {number(fold, 4)} lp/mm, whatever contrast finer "
-                "detail keeps; smaller microlenses or a shorter distance raise it, and detail_lp_per_mm = "
-                f"{{{place}min = {low:g}}} requires both"
-            )
+            only, remedy = "by contrast alone", _sampling(fold, at, low)
         elif not met and rays is None and not undefined and not quantity.numeric:
             alone = reaching(camera, quantity, at, low, high, others)
             remedy = f"{alone}; {WAYS}" if alone else ""
         elif met and quantity.name == "working_distance_mm" and low is not None and high is not None:
             only, remedy = _of_the_focal_plane(camera, low, high)
         if met and worst is not None and not quantity.within(low, high, worst[1] / COVERAGE):
-            only = ", ".join(filter(None, (only, "over environment.range, not at its worse end")))
-            remedy = "; ".join(filter(None, (remedy, MENDED_BY[WARMTH])))
+            only = _and(only, "over environment.range, not at its worse end")
+            remedy = _then(remedy, MENDED_BY[WARMTH])
         if met and at is not None and quantity.of_views and (blurred := _blurred(camera, at)):
-            only = ", ".join(filter(None, (only, "where single views blur")))
-            remedy = "; ".join(filter(None, (remedy, blurred)))
+            only, remedy = _and(only, "where single views blur"), _then(remedy, blurred)
         if field is not None and not met and not sampled and low is not None and value < low <= middle:
             remedy = SHARPER
         if quantity.of_views and not has_views(camera):
             remedy = f"pixels are no views, which it is of: {pupil_remedy(camera)}"
         if quantity.name == "detail_lp_per_mm" and not undefined and field is None:
             corner = shown.detail_in("corner", at).usable_lp_per_mm or 0.0
-            counts = "; ".join(
-                filter(None, (counts, f"in the middle; in the field's corner {number(corner, 3)} lp/mm"))
-            )
+            counts = _then(counts, f"in the middle; in the field's corner {number(corner, 3)} lp/mm")
             if met and low is not None and not quantity.within(low, None, corner):
                 much_less = f", {number(corner, 3)} lp/mm in the corner" * (corner < low / 2)
-                only = ", ".join(filter(None, (only, f"in the middle alone{much_less}")))
-                remedy = "; ".join(filter(None, (remedy, f'field = "corner" requires it there; {SHARPER}')))
+                only = _and(only, f"in the middle alone{much_less}")
+                remedy = _then(remedy, f'field = "corner" requires it there; {SHARPER}')
         folds = {one.name: view_fold(camera, one, at) for one in filters(camera.colours)} if of_detail else {}
         if folds and not undefined and max(value, low or 0.0) > min(folds.values()):
             views = ", ".join(f"{name} above {number(each, 4)}" for name, each in folds.items())
-            counts = "; ".join(filter(None, (counts, f"of all pixels refocused; single views alias: {views} lp/mm")))
+            counts = _then(counts, f"of all pixels refocused; single views alias: {views} lp/mm")
             if met and low is not None and low > min(folds.values()):
-                only = ", ".join(filter(None, (only, "for refocused images alone")))
-                remedy = "; ".join(filter(None, (remedy, COLOURLESS)))
+                only, remedy = _and(only, "for refocused images alone"), _then(remedy, COLOURLESS)
         if not met and not undefined:
             slip = _slip_of_unit(asked, low, high, value, quantity.unit)
             culprit = _culprit(quantity, camera, fold if of_detail and not sampled else value, low)
-            remedy = "; ".join(filter(None, (slip, culprit, remedy or WAYS * bool(slip or culprit))))
+            remedy = _then(slip, culprit, remedy or WAYS * bool(slip or culprit))
         twin = None if value == closed or not lens.mounted or math.isnan(closed) else closed
         if twin is not None:
-            of_twin = f"of rays; of the thin-lens model {number(twin, 4)} {quantity.unit}"
-            counts = "; ".join(filter(None, (counts, of_twin)))
+            counts = _then(counts, f"of rays; of the thin-lens model {number(twin, 4)} {quantity.unit}")
         elif lens.mounted and met and field is None and quantity.name not in NO_LENS_MOVES:
-            only = ", ".join(filter(None, (only, "by the thin-lens model alone")))
-            beyond = f"no aberration of {lens.name} is in that: leave it a margin"
-            remedy = "; ".join(filter(None, (remedy, beyond)))
+            only = _and(only, "by the thin-lens model alone")
+            remedy = _then(remedy, f"no aberration of {lens.name} is in that: leave it a margin")
         numbers, words = (at, low, high, known), (counts, only, remedy)
         told.append(Requirement(quantity.name, label, *numbers, quantity.unit, met, *words, twin, field, caution))
     return tuple(told)
@@ -314,8 +299,28 @@ def _slip_of_unit(asked: Required, low: float | None, high: float | None, value:
     return f"{text}: did you mean {STEPS[meant]}? the design has {number(value, 3)} {unit}"
 
 
-def _within(quantity: Quantity, at: float | None, low: float | None, high: float | None, camera: Camera) -> Array:
-    return quantity.within(low, high, quantity(camera, at))
+def _also_held(design: Design, camera: Camera) -> dict[str, Holds]:
+    """Limits that a change for one of them is not to break, by what they are called."""
+
+    def within(quantity: Quantity, at: float | None, low: float | None, high: float | None) -> Holds:
+        return lambda changed: np.asarray(quantity.within(low, high, quantity(changed, at)), np.bool_)
+
+    own: dict[str, Holds] = {MATCH: is_matched} if has_views(camera) else {}
+    return own | {
+        f"{quantity.label or quantity.name} as required": within(quantity, asked.at, low, high)
+        for asked, quantity, low, high in limits(design)
+        if asked.field is None and not quantity.numeric
+    }
+
+
+def _and(*words: str) -> str:
+    """Words that say something, one after the other."""
+    return ", ".join(filter(None, words))
+
+
+def _then(*sentences: str) -> str:
+    """Sentences that say something, one after the other."""
+    return "; ".join(filter(None, sentences))
 
 
 def _of_depth(budget: DepthBudget, most: float) -> str:
@@ -334,6 +339,16 @@ def _of_depth(budget: DepthBudget, most: float) -> str:
     if largest.name == BUILT and CALIBRATED in [term.name for term in others.terms]:
         way = "the calibration does not see them, tighter tolerances hold them"
     return f"mostly {largest.name}, which `roslf optimize` does not count: {way}{still}"
+
+
+def _sampling(fold: float, at: float | None, low: float) -> str:
+    """Remedy of detail whose contrast is as required, and which is sampled less finely."""
+    place = "" if at is None else f'at = "{at:g} mm", '
+    return (
+        f"believe the sampling: a sample a microlens carries {number(fold, 4)} lp/mm, whatever contrast finer "
+        "detail keeps; smaller microlenses or a shorter distance raise it, and detail_lp_per_mm = "
+        f"{{{place}min = {low:g}}} requires both"
+    )
 
 
 def _culprit(quantity: Quantity, camera: Camera, have: float, low: float | None) -> str:

@@ -454,18 +454,9 @@ def cover_statement(cover: BoardCover, wider: str = "") -> Statement | None:
     return Statement("caution" if missed else "plain", f"{text}{missed}.", remedy)
 
 
-def plan_blocks(
-    design: Design,
-    plan: CapturePlan,
-    asked: PlanOptions,
-    build: LengthCovariance | None = None,
-    looked: LengthCovariance | None = None,
-) -> tuple[Block, ...]:
-    """A plan with its promise and its changes; with the `build`'s tolerances, where a study knows them.
-
-    By captures alone, U with lengths as first `looked` at stands beside.
-    """
-    c, before = plan.captures, plan.expected
+def _assumed(design: Design, plan: CapturePlan, asked: PlanOptions) -> str:
+    """Sentences on what a plan takes images and knowledge before them to be."""
+    c = plan.captures
     size = f"{c.board.columns} x {c.board.rows}"
     known = f"microlens pitch to {asked.d_sigma} and board to {asked.cell_sigma}"
     if asked.d_sigma == asked.cell_sigma:
@@ -484,6 +475,21 @@ def plan_blocks(
         text += f" Distortion is fitted ({_terms(plan.distortion)})."
     if SceneSide.of(design) is not None:
         text += " Boards stand at mechanical distances; d_3, H and the other lengths are as the main lens sees them."
+    return text
+
+
+def plan_blocks(
+    design: Design,
+    plan: CapturePlan,
+    asked: PlanOptions,
+    build: LengthCovariance | None = None,
+    looked: LengthCovariance | None = None,
+) -> tuple[Block, ...]:
+    """A plan with its promise and its changes; with the `build`'s tolerances, where a study knows them.
+
+    By captures alone, U with lengths as first `looked` at stands beside.
+    """
+    c, before = plan.captures, plan.expected
     supposed, other = "by captures alone", ""
     if looked is not None:
         u = planned_depth(design, plan, asked, looked).expanded_mm
@@ -506,7 +512,7 @@ def plan_blocks(
     mostly = {where: one.mostly.replace("; ", ", but ", 1).replace("; ", ", and ") for where, one in places.items()}
     depths = [f"± {_rounded(one.expanded_mm)} {where}, {mostly[where]}" for where, one in places.items()]
     promise = f"Calibration as planned, {supposed}: depth, expected, to U = {'; '.join(depths)}."
-    promise += f"{other if build is None else ''} Assumes a board of {size} cells."
+    promise += f"{other if build is None else ''} Assumes a board of {c.board.columns} x {c.board.rows} cells."
     remedy = sentence(f"{best}: ± {_rounded(2 * after[best])} in the focal plane") if helps else NO_GAIN
     answers = [Statement("plain", promise, remedy)]
     large = too_large(design, c)
@@ -532,7 +538,7 @@ def plan_blocks(
         for c in plan.changes
     )
     return (
-        Paragraph(text),
+        Paragraph(_assumed(design, plan, asked)),
         Statements(tuple(answers)),
         Table(rows, "lrl", ("", "expected sigma", ""), promises, RATIOS),
         _shares_table(before.shares),
