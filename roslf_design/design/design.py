@@ -293,7 +293,7 @@ def _lengths(value: Any, place: str = "") -> Iterator[tuple[str, float]]:
 def _by_path(changes: Mapping[str, Any], symbols: Mapping[str, Any]) -> dict[str, Any]:
     unknown = sorted(set(symbols) - set(PATHS))
     if unknown:
-        known = f"known are {', '.join(PATHS)}; other numbers go by their places: {{'tube.outer_diameter': 6.0}}"
+        known = f"known are {', '.join(PATHS)}; other numbers go by their places, as 'tube.outer_diameter'"
         near = {n: known if SYMBOL.fullmatch(n) else nearest(n, PATHS, known, _own(n)) for n in unknown}
         raise DesignError(tuple(Problem(n, f"is not a symbol of a design; {near[n]}") for n in unknown))
     return {**changes, **{PATHS[symbol]: value for symbol, value in symbols.items()}}

@@ -22,7 +22,7 @@ from ..theory.light import outer_slope
 from ..theory.limits import limits
 from ..theory.quantities import QUANTITIES
 from ..traced.fields import DesignImages, IdealImages, images_of
-from ..words import listed, number, uncertainty
+from ..words import listed, number, on_side, uncertainty
 from .specification import (
     ASKED,
     FOCUS,
@@ -222,7 +222,7 @@ class FirstAnswer:
         light = f"{number(100 * self.corner_light, 3)} %"
         more = "; the lens draws the scene smaller there" if self.corner_light > SMALLER else ""
         rows.append(("light in the corner", light, f"of that in the middle of the field{more}"))
-        outer = f"{number(self.outer_diameter_mm, 4)} mm"
+        outer = f"{on_side(self.outer_diameter_mm, True, 4)} mm"  # into which it goes
         rows.append(("outer diameter", outer, f"{self.outer_diameter_about} {self.outer_diameter_counts}"))
         return tuple(rows)
 

@@ -140,6 +140,8 @@ class Requirement:
     def _with_unit(self, value: float) -> str:
         if self.quantity in ("u_z_mm", "sigma_z_mm"):
             return uncertainty(value, 4)
+        if self.quantity == "outer_diameter_mm":  # of a tube into which it goes
+            return f"{on_side(value, True, 4)} mm"
         return f"{number(value, 4)} {self.unit}".rstrip()
 
     @property

@@ -79,7 +79,7 @@ def verdicts_of(
     before all of them, but for pixels that make no light-field camera.
     """
     thin, traced = ([], "") if lens is None else ([_thin(f_number, lens)], _traced_fill(f_number, lens))
-    answers = [_matched(camera, f_number, traced), _undistorted(camera, non_distortion, lens)]
+    answers = [_matched(camera, f_number, traced), _undistorted(camera, non_distortion, lens, answer)]
     first = _resolved(camera, sampling) if focused is None else _focused(camera, focused)
     if first.level == "fault" and focused is None:
         answers = [first, *asked, *answers]
@@ -295,12 +295,12 @@ def _matched(camera: Camera, f: Numbers, traced: str) -> Verdict:
     return Verdict.of("f_number_matched", text, remedy if lengths else none)
 
 
-def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdict:
+def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None, answer: FirstAnswer | None) -> Verdict:
     """By Eq. 6; behind a real lens by its traced images, Eq. 6's bound beside it."""
-    sees = (
-        f"the sensor sees {thin.field_half_width_mm:.4g} mm (half width), {thin.field_half_diagonal_mm:.4g} mm "
-        f"(corner); {_shifted(camera)}{_stopped(camera)}"
-    )
+    half, corner = thin.field_half_width_mm, thin.field_half_diagonal_mm
+    if lens is not None and answer is not None and math.isfinite(answer.at[0].width_mm + answer.at[0].height_mm):
+        half, corner = answer.at[0].width_mm / 2, math.hypot(answer.at[0].width_mm, answer.at[0].height_mm) / 2
+    sees = f"the sensor sees {half:.4g} mm (half width), {corner:.4g} mm (corner); {_shifted(camera)}{_stopped(camera)}"
     by_thin = "" if thin.undistorted_in_field else _field_remedy(camera, thin)
     off = any(np.any(value) for at, value in camera.numbers.items() if ".decentre." in at)
     worst = " in the worst direction" if off or any(rim.outline.straight for rim in camera.openings) else ""

@@ -24,7 +24,9 @@ from ..design import PATHS, Design
 from ..design.files import expect_kind
 from ..design.parts import Stop
 from ..errors import InputError, Problem
+from ..evaluation import evaluate
 from ..evaluation.fields import unseen
+from ..evaluation.groups import Verdict
 from ..evaluation.required import Requirement, limits_for_study, required_of, studied
 from ..json_data import plain
 from ..lenses.prescription import Prescription
@@ -350,6 +352,16 @@ class Result(BriefValue):
     def required(self) -> dict[str, tuple[Requirement, ...]]:
         """Requirements of each design, judged as drawn, by the design's file name without its ending."""
         return {name.removesuffix(".toml"): required_of(design) for name, design in self.designs()}
+
+    @cached_property
+    def faults(self) -> tuple[Verdict, ...]:
+        """Faults of the optimum, whatever its study asked for; what is required stands in `required`."""
+        best = next((design for name, design in self.designs() if name == "best.toml"), None)
+        try:
+            verdicts = () if best is None else evaluate(best).verdicts
+        except InputError:  # the search has limits to tell all the same
+            return ()
+        return tuple(one for one in verdicts if one.level == "fault" and not one.name.startswith("required_"))
 
     def designs(self) -> Iterator[tuple[str, Design]]:
         """File name and design of everything worth keeping; a point that is no design has none."""

@@ -96,6 +96,16 @@ def test_sizes_are_judged_and_told_as_at_20_degrees_whatever_the_camera_is_used_
     assert not roslf.evaluate(wide).required[0].met
 
 
+def test_an_outer_diameter_is_one_number_that_the_tube_may_have():
+    design = asked("outer_diameter_mm = {max = 3}").replace({"tube": {"outer_diameter": 4.0, "wall": 0.21364}})
+    result = roslf.evaluate(design.replace({"sensor.size": [3.2, 2.4]}))
+    assert result.answer.outer_diameter_mm == pytest.approx(4.42728)  # 4 mm across the sensor
+    (told,) = [value for name, value, _ in result.answer.rows if name == "outer diameter"]
+    (way,) = [verdict.remedy for verdict in result.verdicts if verdict.name == "fits_tube"]
+    assert told == result.required[0].value_words == "4.428 mm"
+    assert way.endswith("a tube of 4.428 mm outside")
+
+
 def test_sizes_of_many_builds_are_those_at_20_degrees():
     """A build's own temperature changes none of its sizes, its own tube does."""
     design = asked("").replace({"tube": {"outer_diameter": 6.0, "wall": 0.2}, "environment": {"housing": "aluminium"}})
@@ -571,3 +581,11 @@ def test_a_remedy_of_a_warm_camera_cures_it_and_names_what_it_spoils():
         assert (first.name, first.ok, second.name) == ("required_views_geometric", True, "f_number_matched"), text
         told = f"{symbol} = {text} mm [spoils the f-number match: image fill {fill:.3g}]"
         assert (told in remedy) != second.ok
+
+
+def test_behind_a_real_lens_what_the_sensor_sees_is_told_by_rays_wherever_it_is_told():
+    result = roslf.evaluate("paper-singlet", [])
+    (field,) = [verdict.text for verdict in result.verdicts if verdict.name == "field_undistorted"]
+    sides = result.answer.at[0].width_mm, result.answer.at[0].height_mm
+    assert f"the sensor sees {sides[0] / 2:.4g} mm (half width), {math.hypot(*sides) / 2:.4g} mm (corner)" in field
+    assert f"{sides[0] / 2:.4g}" != f"{result.non_distortion.field_half_width_mm:.4g}"  # else this tests nothing

@@ -464,3 +464,13 @@ def test_what_a_working_distance_was_before_is_told():
     before = _before(SimpleNamespace(problem=SimpleNamespace(design=design)), ("working_distance", "d_2"))
     told = roslf.evaluate(design).answer.working_distance_mm
     assert before == {"working_distance": pytest.approx(told), "d_2": design.d_2}
+
+
+def test_faults_of_the_optimum_that_no_limit_asked_for_are_told():
+    asked = {"name": "wide", "variables": {"D_F": ["3 mm", "6 mm"]}, "solver": {"starts": 1, "check": False}}
+    asked["goals"] = [{"quantity": "D_F", "direction": "max"}]
+    for quantity, wrong in (("fill_factor", 0), ("D_F", 1)):  # a limit of what it says, and of something else
+        limit = {"quantity": quantity, "max": 1.0 if quantity == "fill_factor" else "6 mm"}
+        result = run_study(read_study({**asked, "design": "paper", "constraints": [limit]}))
+        told = [said.text for said in statements(result) if "finds a fault: f-number not matched" in said.text]
+        assert len(told) == wrong

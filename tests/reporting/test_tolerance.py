@@ -25,6 +25,7 @@ from roslf_design.reporting.tolerance.pages import (
     interval_words,
     loose_words,
     ranking,
+    remedies,
     tables,
     tolerance_pictures,
     tolerance_report,
@@ -182,6 +183,25 @@ def test_a_worst_trial_that_is_no_design_has_its_numbers_in_a_file_that_says_why
         assert tomllib.loads(text)["aperture"]["distance"] == f"{built:.13g} mm"
         with pytest.raises(InputError, match=r"lies inside elements\.0"):
             loads(text)
+
+
+def test_a_worst_trial_that_is_no_design_names_lengths_of_the_parts_that_collide(colliding):
+    table = next(table for table in tables(colliding) if table.title == "Worst trials")
+    assert [row[1][:4] for row in table.rows] == ["d_3 "] * len(table.rows)
+    assert not any("d_2" in row[1] for row in table.rows)
+
+
+def test_where_all_tolerances_must_shrink_the_one_that_spreads_most_is_named_first(colliding):
+    shrunk = Change("all tolerances", (), 1.0, colliding.final.result)
+    budget = SimpleNamespace(changes=(shrunk,), adjustments=(), target=0.95)
+    shares = np.tile([0.1, 0.9], (len(colliding.plan.columns), 1))
+    told = remedies(replace(colliding, correlations=shares, budget=budget, scale_for_target=(0.2, None)))
+    assert told.startswith("Mostly d_2: 81 % of the variance of image fill")
+    assert "; alone it may be ± " in told.split(" Cheapest: ")[0]
+    even = np.tile([0.5, 0.5], (len(colliding.plan.columns), 1))
+    assert remedies(replace(colliding, correlations=even, budget=budget, scale_for_target=(0.2, None))).startswith(
+        "Cheapest: "
+    )
 
 
 def test_adjustments_at_assembly_are_proposed_with_range_cost_and_yield():

@@ -224,6 +224,9 @@ def _about_optimum(result: Result) -> Iterator[Statement]:
         better = f"With other parts, first of the list below, it is better: {parts}, {_reached(result, 'parts-01')}."
         optimum = replace(optimum, text=f"{optimum.text} {better}")
     yield _as_required(optimum, result, "best")
+    for fault in result.faults:
+        said = f"Beyond the study's limits `roslf evaluate best.toml` finds a fault: {fault.text}."
+        yield Statement("bad", said, sentence(fault.remedy))
     yield _agreement(answer)
     if result.retrace is not None:
         yield _about_trace(result.retrace)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import words
+from ...bore.chain import COLLIDE
 from ...camera import Camera
 from ...design import Design
 from ...drawing.picture import Picture
@@ -63,6 +65,8 @@ MOST_ROWS = 15
 """Tolerances that a table shows."""
 MOVES = 0.05
 """Share of a limited number's variance from which on a part is said to move it."""
+MOSTLY = 0.5
+"""The same from which on it is named before all tolerances together."""
 MOST_CHANGES = 8
 """Changes that a table shows."""
 QUANTILES = 5
@@ -282,7 +286,7 @@ def remedies(result: StudyResult) -> str:
         best, *others = result.budget.changes
         alone = [change for change in (best, *others) if change.kind in ("grade", "tightening")]
         if not alone:
-            return f"Cheapest: {told(best)} No single tolerance reaches it, however tight."
+            return f"{_culprit(result)}Cheapest: {told(best)} No single tolerance reaches it, however tight."
         return f"Cheapest: {told(best)}" + ("" if best == alone[0] else f" Of one tolerance alone: {told(alone[0])}")
     remedy = "All tolerances together, down to a thousandth of what they are, do not reach it"
     if result.scale_for_target is not None:
@@ -296,6 +300,18 @@ def remedies(result: StudyResult) -> str:
         more = _change_words(result, adjusted[0])
         remedy += f". {more[:1].upper()}{more[1:]} gives {share_words(adjusted[0].result)}"
     return f"{remedy}."
+
+
+def _culprit(result: StudyResult) -> str:
+    """Sentence on the one tolerance that most of the weakest metric's variance is of; empty where none is."""
+    shares = result.correlations[_weakest_row(result)] ** 2
+    if not np.nanmax(shares, initial=0.0) >= MOSTLY:
+        return ""
+    place, design = _places(result)[int(np.nanargmax(shares))], result.plan.question.design
+    alone = next((one.alone for one in result.allowed if one.place == place), math.inf)
+    held = f"; alone it may be ± {_width(design, place, alone)}" if math.isfinite(alone) else ""
+    spread = f"{100 * np.nanmax(shares):.3g} % of the variance of {in_words(result.final.weakest.label)}"
+    return f"Mostly {short_name(place, design)}: {spread}{held}. "
 
 
 def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
@@ -578,8 +594,18 @@ def _worst(result: StudyResult) -> Table:
     """The worst trials: their files, what misses most in them, and why they fail."""
     design, limits = result.plan.question.design, result.final.limits
 
+    def collides(place: str, faults: str) -> bool:
+        part = "FAP" if place.startswith("aperture.") else short_name(place, design).rpartition(" ")[0]
+        return (
+            place.endswith((".distance", ".thickness"))
+            and part != ""
+            and bool(re.search(rf"\b{re.escape(part)}\b", faults))
+        )
+
     def missing(trial: WorstTrial) -> str:
-        largest = sorted(trial.misses, key=lambda place: -abs(trial.misses[place]))[:MOST_FAULTS]
+        faults = "; ".join(fault for fault in trial.faults if fault.endswith(COLLIDE))
+        parts = [place for place in trial.misses if collides(place, faults)] or trial.misses
+        largest = sorted(parts, key=lambda place: -abs(trial.misses[place]))[:MOST_FAULTS]
         return ", ".join(f"{short_name(place, design)} {trial.misses[place]:+.2g}" for place in largest)
 
     def why(trial: WorstTrial) -> str:
