@@ -7,8 +7,7 @@
 - Designs: `load`, `loads`, `save`, `dumps`, `preset_names`, `Design.replace`.
 - What one sees: `evaluate`, `specification`; of many: `evaluate_many`, `sweep`, `Camera` with `quantity`.
 - Studies: `optimize`, `tolerance`. Pictures: `render` of a `Scene`, `decode`, `measure_depth`, `capture_depth`.
-- The built camera: `calibrate`, `bench_check`, `bench_report`. To hand on: `report`, `datasheet`,
-  `render_html`, `render_pdf`.
+- The built camera: `calibrate`, `bench_check`, `bench_report`. To hand on: `report`, `render_html`, `render_pdf`.
 
 What is wrong with an input is an `InputError`, of a design a `DesignError`; both are `ValueError`.
 
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
         bench_report,
         calibrate,
         capture_depth,
-        datasheet,
         decode,
         measure_depth,
         optimize,
@@ -68,7 +66,6 @@ __all__ = [
     "bench_report",
     "calibrate",
     "capture_depth",
-    "datasheet",
     "decode",
     "dumps",
     "evaluate",
@@ -97,7 +94,6 @@ __getattr__, __dir__, _ = lazy.attach(
             "bench_report",
             "calibrate",
             "capture_depth",
-            "datasheet",
             "decode",
             "measure_depth",
             "optimize",

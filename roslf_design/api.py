@@ -6,7 +6,7 @@ Each takes a design, the name of a preset or the path of a file, prints nothing 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -32,7 +32,6 @@ from .imaging.render import RawImage
 from .imaging.render import render as render_image
 from .optimization.study import Result, load_study
 from .optimization.study import run as run_study
-from .options import check_distances
 from .reporting.blocks import Code, Report
 from .reporting.calibrate.pages import calibration_pictures, calibration_report
 from .reporting.decode.pages import decoding_pictures, decoding_report
@@ -40,7 +39,6 @@ from .reporting.depth.captured import capture_report
 from .reporting.depth.pages import depth_report, measurement_pictures
 from .reporting.design.pages import design_report
 from .reporting.optimise.pages import optimization_report
-from .reporting.sheet.lines import basis, datasheet_report
 from .reporting.tolerance.pages import tolerance_report
 from .scenes import Scene, load_scene
 from .theory.limits import as_design
@@ -412,23 +410,6 @@ def report(subject: Design | str | Path | Trial | MeasuredCapture | Decoded | Ou
         replace(part, blocks=tuple(b for b in part.blocks if b != Code("", "Run again"))) for part in page.sections
     )
     return replace(page, sections=tuple(part for part in parts if part.blocks))
-
-
-def datasheet(design: Design | str | Path, *, at: Sequence[float] = ()) -> Report:
-    """The data sheet of a design as drawn; `roslf datasheet` gives each line its tolerance by a study's builds.
-
-    Parameters
-    ----------
-    design : Design, str or Path
-    at : sequence of float
-        Distances ahead of the tip [mm] that get lines beside the focal plane and the working range's ends.
-
-    Examples
-    --------
-    >>> import roslf_design as roslf
-    >>> page = roslf.render_html(roslf.datasheet("paper"))  # doctest: +SKIP
-    """
-    return datasheet_report(basis(as_design(design), at=check_distances(at)))
 
 
 def _drawings(pictures: Mapping[str, Picture]) -> dict[str, str]:

@@ -12,6 +12,7 @@ import re
 import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from itertools import chain
+from operator import ne
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, get_args, get_origin
 
@@ -146,19 +147,11 @@ def nearest(
     """
     other = difflib.get_close_matches(name, [one for one in ELSEWHERE if ELSEWHERE[one] in known], 1, SLIP)
     name = ELSEWHERE[other[0]] if other and name not in known else name
-    near = _mistyped(name, known) or _alike(name, meanings or dict.fromkeys(known, ""))
+    near = difflib.get_close_matches(name, known, 5, SLIP)
+    near.sort(key=lambda one: (-difflib.SequenceMatcher(None, one, name).ratio(), sum(map(ne, one, name))))
+    near = near[:1] or _alike(name, meanings or dict.fromkeys(known, ""))
     near = near or difflib.get_close_matches(name, known, 1, least)
     return f"did you mean {' or '.join(map(repr, near))}?" if near else otherwise or f"known here: {', '.join(known)}"
-
-
-def _mistyped(name: str, known: Collection[str]) -> list[str]:
-    """The name, if any, of those that a slip of the pen made this one, that fewest edits lead to."""
-
-    def edits(one: str) -> int:
-        steps = difflib.SequenceMatcher(None, name, one).get_opcodes()
-        return sum(max(i2 - i1, j2 - j1) for tag, i1, i2, j1, j2 in steps if tag != "equal")
-
-    return sorted(difflib.get_close_matches(name, known, 5, SLIP), key=edits)[:1]
 
 
 def _alike(name: str, meanings: Mapping[str, str]) -> list[str]:

@@ -122,7 +122,7 @@ class Growth:
 
         def stretched(z: Number) -> Number:
             """Distance from the lens's first vertex, from that."""
-            longer: list[Number] = [more * np.clip(z - start, 0.0, length) for start, length, more in spans]
+            longer: list[Number] = [more * np.clip(z + front[0] - start, 0.0, length) for start, length, more in spans]
             return housing * z + sum(longer)
 
         def before_lens(z: Number) -> Number:

@@ -65,8 +65,6 @@ AS_BUILT = (
 
 SHARPER = "a better corrected lens, a smaller FAP or a smaller sensor lets more of the field hold it"
 """Remedy of detail that the corner of the field does not show."""
-COLOURLESS = "a monochrome sensor or smaller microlenses let single views show it in their colours, too"
-"""Remedy of detail that views behind colour filters fold."""
 FLAT = 179.0
 """Full angle of the widest field that a flat sensor sees [degrees]."""
 STEPS = ("nm", "um", "mm", "m")
@@ -254,7 +252,8 @@ def requirements(
             views = ", ".join(f"{name} above {number(each, 4)}" for name, each in folds.items())
             counts = _then(counts, f"of all pixels refocused; single views alias: {views} lp/mm")
             if met and low is not None and low > min(folds.values()):
-                only, remedy = _and(only, "for refocused images alone"), _then(remedy, COLOURLESS)
+                remedy = _then(remedy, "a monochrome sensor lets single views show it, too")
+                only = _and(only, "for refocused images alone")
         if not met and not undefined:
             slip = _slip_of_unit(asked, low, high, value, quantity.unit)
             culprit = _culprit(quantity, camera, fold if of_detail and not sampled else value, low)

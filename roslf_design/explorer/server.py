@@ -116,11 +116,10 @@ class _Tab:
             try:
                 for part in self.session.parts():
                     values = await asyncio.get_running_loop().run_in_executor(ASIDE, part)
-                    if self._asked != asked:
-                        self._update(values)
-                        break
-                    self._fresh = [*self._fresh, *(values.keys() - set(self._fresh))]
+                    self._fresh = [*{*self._fresh, *values}] if self._asked == asked else []
                     self._update({**values, "fresh": self._fresh})
+                    if self._asked != asked:
+                        break
                 else:
                     self._update({"answered": asked})
             except (*FAULTS, OSError):  # the terminal says why; the page waits no longer

@@ -6,6 +6,7 @@ import os
 import re
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import permutations
@@ -357,10 +358,9 @@ class Result(BriefValue):
     def faults(self) -> tuple[Verdict, ...]:
         """Faults of the optimum, whatever its study asked for; what is required stands in `required`."""
         best = next((design for name, design in self.designs() if name == "best.toml"), None)
-        try:
+        verdicts: tuple[Verdict, ...] = ()
+        with suppress(InputError):  # the search has limits to tell all the same
             verdicts = () if best is None else evaluate(best).verdicts
-        except InputError:  # the search has limits to tell all the same
-            return ()
         return tuple(one for one in verdicts if one.level == "fault" and not one.name.startswith("required_"))
 
     def designs(self) -> Iterator[tuple[str, Design]]:

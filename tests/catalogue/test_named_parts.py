@@ -10,6 +10,7 @@ from roslf_design.cli import main
 from roslf_design.design.check import at
 from roslf_design.optimization import Combinations
 from roslf_design.reporting.design.parts_list import named_parts, parts_section
+from roslf_design.toml_files import nearest
 from tests.optimization.posing import goal, posed
 
 SCOPE = """
@@ -253,3 +254,10 @@ def test_the_catalogue_prints_what_to_paste(capsys, tmp_path):
 def test_parts_are_known_in_other_case_and_with_other_spaces():
     names = [("IMX 290", "Sony IMX 290"), ("IMX296", "Sony IMX296"), ("imx296", "another")]
     assert [meant(asked, names) for asked in ("imx290", "sony imx296", "imx296", "IMX 291")] == [[0], [1], [2], []]
+
+
+def test_a_part_one_digit_off_is_the_one_meant():
+    """As many letters are alike in another, whose digits would have to change places."""
+    assert (
+        nearest("OV5648", ["OV6948", "OV5647"]) == nearest("OV5648", ["OV5647", "OV6948"]) == "did you mean 'OV5647'?"
+    )

@@ -269,3 +269,21 @@ def test_water_does_not_freeze_and_a_prescription_knows_its_glass():
     text = dumps(load("paper-singlet")).replace("[main_lens]", '[main_lens]\nmaterial = "N-BK7"')
     with pytest.raises(DesignError, match="the prescription says what the lens is made of"):
         loads(text)
+
+
+def test_lengths_before_a_real_lens_come_back_from_heat_as_they_were_written():
+    """They count from its principal plane, not from its vertex: what ends between both grows with its own glass."""
+    prism = {"kind": "prism", "distance": "1.4 mm", "thickness": "4 mm", "material": "N-LASF9", "diameter": "4 mm"}
+    window = {"kind": "plate", "distance": "5.5 mm", "thickness": "0.5 mm", "material": "sapphire"}
+    table = {
+        "name": "laryngoscope",
+        "main_lens": {"part": "45-089", "focal_plane": "45.9 mm"},
+        "aperture": {"diameter": "0.85 mm", "distance": "1.2 mm"},
+        "elements": [{**prism, "reflections": 1, "deviation": "70 deg"}, window],
+        "microlens_array": {"pitch": "23.2 um", "focal_length": "170 um", "size": ["5.5 mm", "3 mm"]},
+        "sensor": {"part": "IMX290", "distance": "170 um"},
+        "environment": {"temperature": "37 degC", "housing": "stainless steel"},
+    }
+    warm = loads(tomli_w.dumps(table))
+    assert abs(warm.elements[1].distance - 5.5) > 1e-5
+    assert warm.at_room.elements[1].distance == pytest.approx(5.5, rel=1e-12)

@@ -213,8 +213,6 @@
 
   // The view that is shown: changed at once, whatever the server is at.
   const view = reactive({ tab: "camera", fresh: [] });
-
-  // Of an earlier design, for a moment.
   function due(name) { return !view.fresh.includes(name); }
 
   async function showTab(key) {
