@@ -16,7 +16,17 @@ from .entries import CLOSE, MODELS, Entry
 
 COMPARE: Mapping[str, Callable[[Any, Any], Any]] = {"=": eq, "<": lt, "<=": le, ">": gt, ">=": ge}
 LENGTHS = frozenset(
-    ("diameter", "clear_aperture", "thickness", "focal_length", "effective_focal_length", "pitch", "pixel", "size")
+    [
+        "diameter",
+        "clear_aperture",
+        "thickness",
+        "focal_length",
+        "effective_focal_length",
+        "pitch",
+        "pixel",
+        "size",
+        "package",
+    ]
 )
 MEANT = {
     **dict.fromkeys(("width", "height", "side", "format"), "size"),
@@ -26,6 +36,7 @@ MEANT = {
     **dict.fromkeys(("resolution", "megapixels"), "pixels"),
     **dict.fromkeys(("f", "efl"), "focal_length"),
     **dict.fromkeys(("glass", "substance"), "material"),
+    **dict.fromkeys(("filter", "color", "colour"), "filters"),
     "d": "diameter",
     "aperture": "clear_aperture",
 }
@@ -37,7 +48,8 @@ NEAR = 1e-9
 def read_condition(text: str) -> Callable[[Mapping[str, Any]], bool]:
     """Whether a part (of `rows`) meets a condition as typed: "focal_length<=100 mm", "maker=Thorlabs".
 
-    A part without the key does not; of several numbers (a size) all must. Lengths that differ by rounding are equal.
+    A part without the key does not; of several numbers (a size) all must, of a package its larger side. Lengths that
+    differ by rounding are equal.
 
     Raises
     ------
@@ -55,7 +67,7 @@ def read_condition(text: str) -> Callable[[Mapping[str, Any]], bool]:
             return False
         if isinstance(value, str):
             return value.lower() in str(own).lower()
-        over = np.ravel(own) - value
+        over = np.ravel(max(own) if key == "package" else own) - value
         return bool(COMPARE[sign](np.where(np.abs(over) <= NEAR * abs(value), 0, over), 0).all())
 
     return holds
@@ -79,7 +91,7 @@ def parse_condition(text: str) -> tuple[str, str, float | str]:
     ValueError
         As `read_condition` tells it.
     """
-    known = sorted({"kind", *(name for model in MODELS.values() for name in model.model_fields)})
+    known = sorted({"kind", "filters", *(name for model in MODELS.values() for name in model.model_fields)})
     match = re.fullmatch(r"\s*(\w+)\s*(<=|>=|<|>|=)\s*(.+?)\s*", text)
     if match is None:
         raise ValueError(f'cannot read "{text}"; write e.g. "focal_length<=100 mm" or "maker=Thorlabs"')

@@ -19,7 +19,7 @@ from ..theory.depth_budget import COVERAGE, KINDS, BudgetTerm, DepthBudget
 from ..theory.focused import FocusedArray
 from ..theory.quantities import QUANTITIES, quantity_named
 from ..theory.quantity import Quantity
-from ..words import fixed, listed, number, place, spaced, uncertainty
+from ..words import fixed, number, place, spaced, uncertainty
 from .answer import MEANT, FirstAnswer
 from .groups import DepthAssumptions, Field, LookedThrough, Numbers, RealLens, Temperatures, Verdict
 from .required import Requirement
@@ -407,9 +407,9 @@ def print_short(result: Evaluation, console: Console, more: Sequence[Table] = ()
     brief += [replace(one, text=_brief(one.text), remedy="") for one in by_level["limit"]]
     if good := [_brief(one.text).partition(": ")[::2] for one in by_level["good"]]:
         asked = [rest.partition(" is ")[0] for name, rest in good if name == "as required"]
-        named = [f"as required: {listed(asked)}"] if asked else []
-        named += [name for name, _ in good if name != "as required"]
-        brief.append(Verdict.of("good", "; ".join(named)))
+        named = [name for name, _ in good if name != "as required"]
+        lines = [f"as required: {'; '.join(asked)}"] * bool(asked) + ["; ".join(named)] * bool(named)
+        brief += [Verdict.of("good", line) for line in lines]
     _print_answer(result, brief, console)
     for table in more:
         print_table(table, console)

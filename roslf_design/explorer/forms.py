@@ -171,8 +171,9 @@ def forms(state: State) -> dict[str, Any]:
 
 def _asked_words(asked: Required) -> str:
     """A limit of the design's `[required]` in a line, as its file has it."""
-    limits = asked.limits()
-    ends = [f"{word} {limits[end]}" for end, word in (("min", "at least"), ("max", "at most")) if end in limits]
+    limits, unit = asked.limits(), quantity_named(asked.quantity).unit
+    told = {end: limit if isinstance(limit, str) else f"{limit:g} {unit}".rstrip() for end, limit in limits.items()}
+    ends = [f"{word} {told[end]}" for end, word in (("min", "at least"), ("max", "at most")) if end in limits]
     where = [f"{limits['at']} ahead of the tip"] if asked.at is not None else []
     where += [f"at the {asked.field}, not held by a search"] if asked.field is not None else []
     return ", ".join([f"{in_words(asked.quantity)} {listed(ends)}", *where])

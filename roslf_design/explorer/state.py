@@ -292,6 +292,8 @@ class State:
     """Faults of fields, at most one a field."""
     message: str = ""
     """Message about a fault of something that is not a field: a file, a link."""
+    cold: Design | None = None
+    """The design before it was last warmed; None where it was not."""
 
     @classmethod
     def of(cls, design: Design, follows: Follower | None = None) -> State:
@@ -442,16 +444,20 @@ class State:
                 problems = error.problems
                 continue
             left = tuple(fault for fault in self._faults_but(symbol) if fault.symbol not in others)
-            return replace(self, design=design, faults=left, message="")
+            at_room = value_of(self.design, TEMPERATURE.symbol) == ROOM
+            return replace(self, design=design, faults=left, message="", cold=self.design if at_room else self.cold)
         return self._with_fault(_Fault(symbol, text, _about(problems, symbol)))
 
     def _with(self, symbol: str, value: float | None, others: Mapping[str, float]) -> Design:
         """The design with a field's number, and others, in use."""
         if symbol != TEMPERATURE.symbol:
             return self._used(self._changed(self.drawn, {**others, symbol: value}))
-        at = ROOM if value is None else value
-        same = value_of(self.design, symbol) == at
-        return self.design if same else self.drawn.at_temperature(at, ranging=True)
+        at, now = ROOM if value is None else value, value_of(self.design, symbol)
+        if now is None or now == at:
+            return self.design
+        if self.cold is None or self.cold.at_temperature(now, ranging=True) != self.design:  # changed since
+            return self.drawn.at_temperature(at, ranging=True)
+        return self.cold if at == ROOM else self.cold.at_temperature(at, ranging=True)
 
     def _faults_but(self, symbol: str) -> tuple[_Fault, ...]:
         return tuple(fault for fault in self.faults if fault.symbol != symbol)

@@ -64,11 +64,13 @@ WARM = {"environment": {"range": ["15 degC", "120 degC"], "housing": "aluminium"
 
 def test_a_depth_over_a_range_of_temperatures_tells_its_worse_end_in_brief_too(tmp_path, capsys):
     """U there is that of the term of temperature at one end; met by the mean alone, it is met with that reservation."""
-    design = asked('u_z_mm = {max = "0.35 mm"}').replace(WARM)
+    design = asked('u_z_mm = {max = "0.35 mm"}\nfield_of_view_deg = {max = "90 deg"}\nfill_factor = {max = 2}').replace(
+        WARM
+    )
     result = roslf.evaluate(design)
     degrees, worst = result.depth_budget.worst
     told = f"at {degrees:g} °C, the worse end of environment.range, U = {worst:.3g} mm"
-    (depth,) = result.required
+    depth, view, fill = result.required
     assert depth.caution == result.depth_budget.to_dict()["caution"] == told
     assert depth.value < 0.35 < worst / 2
     assert depth.only == "as drawn, over environment.range, not at its worse end"
@@ -76,6 +78,7 @@ def test_a_depth_over_a_range_of_temperatures_tells_its_worse_end_in_brief_too(t
     assert main(["evaluate", str(tmp_path / "warm.toml")]) == 0
     lines = " ".join(capsys.readouterr().out.split())
     assert f"24.5 mm: {told} " in lines  # below the distances
+    assert f"✓ as required: {view.label}; {fill.label} ✓ f-number matched; " in lines
     assert f"~ met {depth.only}: {depth.label} is {depth.value_words}, {told}, required at most 0.35 mm" in lines
 
 

@@ -271,6 +271,8 @@ def test_what_a_design_requires_is_held_where_it_is_ticked():
     length, sample = f"at least {whole - 20} mm", "at most 10 mm, 40 mm ahead of the tip"
     told = f"length from tip to sensor {length}; object sample {sample}"
     assert (forms(State.of(asking))["required"], forms(State.of(PAPER))["required"]) == (told, "")
+    sharp = PAPER.replace({"required": {"detail_lp_per_mm": {"min": 1.0}}})
+    assert "at least 1 lp/mm" in forms(State.of(sharp))["required"]
     ticks = {"variables": ["d_3"], "goal": ["length"]}
     assert not read_form(OptimiseRequest, asking, ticks).required
     held = run_optimise(read_form(OptimiseRequest, asking, ticks | {"required": ["on"]}))

@@ -277,6 +277,10 @@ def test_conditions_on_parts():
     assert names("pitch<=0.1 mm") == {"18-00079", "paper 63 um / 2 mm", "generic 100 um / 2.1 mm"}
     assert names("maker=thorlabs", "pitch>150 um") == {"MLA300-14AR"}
     assert names("pixels>=4000") == {"EOS 90D sensor"}
+    assert names("filters=rggb") == names("colours=RGGB") != set()
+    small = {row["part"] for row in every if "package" in row and max(row["package"]) <= 1.0}
+    assert names("package<=1 mm") == small != set()
+    assert names("package<=1 mm", "package>1 mm") == set()
     kinds = {row["part"]: row.get("type", "") for row in every}
     assert {"singlet", "achromat"} == {kinds[name].split()[-1] for name in names("diameter=25.4 mm", "kind=lenses")}
     wrong = {"focl=3": "focal_length", "pitch<3": "no unit", "maker<3": "words", "pitch": "cannot read"}
