@@ -407,9 +407,10 @@ def print_short(result: Evaluation, console: Console, more: Sequence[Table] = ()
     brief += [replace(one, text=_brief(one.text), remedy="") for one in by_level["limit"]]
     if good := [_brief(one.text).partition(": ")[::2] for one in by_level["good"]]:
         asked = [rest.partition(" is ")[0] for name, rest in good if name == "as required"]
-        named = [name for name, _ in good if name != "as required"]
-        lines = [f"as required: {'; '.join(asked)}"] * bool(asked) + ["; ".join(named)] * bool(named)
-        brief += [Verdict.of("good", line) for line in lines]
+        named = "; ".join(name for name, _ in good if name != "as required")
+        brief += [
+            Verdict.of("good", line) for line in (f"as required: {'; '.join(asked)}" * bool(asked), named) if line
+        ]
     _print_answer(result, brief, console)
     for table in more:
         print_table(table, console)

@@ -227,7 +227,7 @@ def depth_budget(
     alone = bool(calibration is not None and at is not None and np.isin(at, calibration.uncovered_mm).any())
     terms.append(BudgetTerm(WARMTH, "B", "trueness", warmth, remark))
     budget = DepthBudget(tuple(terms), sigmas[0], None, alone, None if met is None else met[2])
-    if not worst or met is None or warmth is None or c.shape or np.ndim(warmth):
+    if not worst or met is None or warmth is None or c.shape or np.ndim(warmth) or met[0] == met[1]:
         return budget
     return replace(budget, worst=_at_worst(c, at, budget, met))
 
@@ -237,8 +237,6 @@ def _at_worst(
 ) -> tuple[float, float] | None:
     """Worse end of a range of temperatures, over which their term is a mean, and U there; None where hardly more."""
     coldest, warmest, known = met
-    if coldest == warmest:
-        return None
     *rest, warmth = budget.terms
     ends = {
         float(end): replace(budget, terms=(*rest, replace(warmth, u_mm=temperature_error(c, at, (end, end, known)))))
