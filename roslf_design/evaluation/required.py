@@ -247,11 +247,9 @@ def requirements(
                 much_less = f", {number(corner, 3)} lp/mm in the corner" * (corner < low / 2)
                 only = _and(only, f"in the middle alone{much_less}")
                 remedy = _then(remedy, f'field = "corner" requires it there; {SHARPER}')
-        folds = {one.name: view_fold(camera, one, at) for one in filters(camera.colours)} if of_detail else {}
-        if folds and not undefined and max(value, low or 0.0) > min(folds.values()):
-            views = ", ".join(f"{name} above {number(each, 4)}" for name, each in folds.items())
-            counts = _then(counts, f"of all pixels refocused; single views alias: {views} lp/mm")
-            if met and low is not None and low > min(folds.values()):
+        if of_detail and not undefined and (of_colours := _of_colours(camera, at, max(value, low or 0.0))):
+            counts = _then(counts, of_colours[0])
+            if met and low is not None and low > of_colours[1]:
                 remedy = _then(remedy, "a monochrome sensor lets single views show it, too")
                 only = _and(only, "for refocused images alone")
         if not met and not undefined:
@@ -285,6 +283,14 @@ def missed_words(required: Sequence[Requirement]) -> str:
 def limits_for_study(design: Design) -> tuple[dict[str, Any], ...]:
     """Limits of a design's `[required]` as tables of a study's file, but those off the middle, which none holds."""
     return tuple({"quantity": asked.quantity, **asked.limits()} for asked in design.required if asked.field is None)
+
+
+def _of_colours(camera: Camera, at: float | None, detail: float) -> tuple[str, float] | None:
+    """Words on single views behind colour filters, and the coarsest detail that they fold; None where none of it is."""
+    folds = {one.name: view_fold(camera, one, at) for one in filters(camera.colours)}
+    views = ", ".join(f"{name} above {number(fold, 4)}" for name, fold in folds.items())
+    coarsest = min(folds.values(), default=math.inf)
+    return (f"of all pixels refocused; single views alias: {views} lp/mm", coarsest) if detail > coarsest else None
 
 
 def _slip_of_unit(asked: Required, low: float | None, high: float | None, value: float, unit: str) -> str:

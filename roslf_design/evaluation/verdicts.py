@@ -298,7 +298,7 @@ def _matched(camera: Camera, f: Numbers, traced: str) -> Verdict:
 def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None, answer: FirstAnswer | None) -> Verdict:
     """By Eq. 6; behind a real lens by its traced images, Eq. 6's bound beside it."""
     half, corner = thin.field_half_width_mm, thin.field_half_diagonal_mm
-    if lens is not None and answer is not None and math.isfinite(answer.at[0].width_mm + answer.at[0].height_mm):
+    if answer is not None and camera.lens.mounted and math.isfinite(answer.at[0].width_mm):
         half, corner = answer.at[0].width_mm / 2, math.hypot(answer.at[0].width_mm, answer.at[0].height_mm) / 2
     sees = f"the sensor sees {half:.4g} mm (half width), {corner:.4g} mm (corner); {_shifted(camera)}{_stopped(camera)}"
     by_thin = "" if thin.undistorted_in_field else _field_remedy(camera, thin)

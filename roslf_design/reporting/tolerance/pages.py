@@ -66,7 +66,7 @@ MOST_ROWS = 15
 MOVES = 0.05
 """Share of a limited number's variance from which on a part is said to move it."""
 MOSTLY = 0.5
-"""The same from which on it is named before all tolerances together."""
+"""Share from which on it is named before all tolerances together."""
 MOST_CHANGES = 8
 """Changes that a table shows."""
 QUANTILES = 5
