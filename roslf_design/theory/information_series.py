@@ -17,9 +17,10 @@ from .disparity_information import ArrayKind, ImageRows, Spectrum, Texture, summ
 
 NEARLY_ALIKE = 64
 """Images from which series stand in for sums."""
-TRUE, CHECKS = 1e-4, 8
-"""Error that a series may have in information where it is checked: at the outermost images along each axis and at as
-many of the farthest out at least. Sigma, which goes with the root, keeps to 1e-4 where twice that is left elsewhere."""
+TRUE, CHECKS = 1e-4, 24
+"""Error that a series may have in information where it is checked: at the outermost images along each axis and at so
+many of the farthest out (an eighth at most). Twice that elsewhere still keeps sigma, which goes with the root,
+to 1e-4."""
 FAINTEST, FINER = 2e-6, 4.0
 """Share from which on a term counts, as far as `_coordinates` foresees it; and by how much fainter ones count in a
 series after one that was not right."""
@@ -85,7 +86,7 @@ def interpolated_information(images: ImageRows, c: ArrayKind, level: int) -> Arr
         if len(terms) <= many:
             away = (here - middle[:, None]) / half[:, None]
             ends = away[terms.any(0)]
-            far = np.argsort(shares @ np.abs(away))[-CHECKS:]
+            far = np.argsort(-(shares @ np.abs(away)))[: min(CHECKS, mine.size // 8)]
             some = np.unique([*ends.argmin(1), *ends.argmax(1), *far])
             summed = summed_information(images.at(mine[some]), c, level, whole=True)
             known, finer, right = 0, 0, False
