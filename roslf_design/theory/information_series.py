@@ -187,10 +187,7 @@ def _opening_of(width: Array, height: Array | None = None, turn: Array | None = 
 
 @functools.lru_cache(maxsize=256)
 def _terms(shares: tuple[float, ...], finer: int) -> NDArray[np.intp]:
-    """Powers along the axes of the terms that count, shape (terms, K), where each power along one adds such a share.
-
-    By their shares, so that those of a finer series follow on those of a coarser one.
-    """
+    """Powers along the axes of the terms that count, by share, so that a finer series adds some: shape (terms, K)."""
     terms, left, powers = np.zeros((1, 0), np.intp), np.ones(1), np.arange(len(NESTED))
     for share in shares:
         more = left[: MOST + 1, None] * share**powers
@@ -203,8 +200,7 @@ def _terms(shares: tuple[float, ...], finer: int) -> NDArray[np.intp]:
 def _series(case: _Case, middle: bytes, half: bytes, spread: bytes, shares: tuple[float, ...], finer: int) -> Array:
     """Coefficients of the terms of a series over a box, shape (terms, M).
 
-    Through as many places as there are terms: nested along each axis, they pin all of them down. A finer one goes on
-    from those of the coarser.
+    Through as many places as there are terms, a coarser one's first: nested along each axis, they pin them all down.
     """
     terms = _terms(shares, finer)
     offsets = NESTED[terms].T
