@@ -44,10 +44,8 @@ _Case = tuple[ArrayKind, int, int, bytes, str | None]
 def interpolated_information(images: ImageRows, c: ArrayKind, level: int) -> Array:
     """Information of whole images, shape (N, M): of many by series in `_coordinates`, over boxes that hold them all.
 
-    Sigma to 1e-4 of what sums give. A series takes on terms, then its box is halved, until it is right to `TRUE` at the
-    outermost of its images, which took no part in it. Images too few for a series are summed, and all that are left
-    when a fifth of them would have paid for what failed. Fewer that lie close about the first are taken from tangents
-    there: so are its derivatives.
+    Sigma to 1e-4 of what sums give: a series takes on terms, then its box is halved, until it is right to `TRUE`. Few
+    images are summed, or taken from tangents at the first; so are all left once failed series cost a share of `LOST`.
     """
     # Builds that differ in what whole images do not depend on are worked out once, in their order; compared as bytes.
     numbers = np.column_stack([*images[:-2], *images.texture[:2], *images.own_shape])
