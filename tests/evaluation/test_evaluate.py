@@ -18,13 +18,14 @@ from roslf_design.cli import main
 from roslf_design.commands.report import maker
 from roslf_design.design import DesignError, preset_names
 from roslf_design.evaluation.fields import evaluate_fields, rays_for
-from roslf_design.evaluation.groups import RayBudget, Share
+from roslf_design.evaluation.groups import Numbers, RayBudget, Share
 from roslf_design.evaluation.result import budget_table, seen_table
-from roslf_design.evaluation.verdicts import FASTEST_ARRAY, _thin
+from roslf_design.evaluation.verdicts import FASTEST_ARRAY, _field_remedy, _thin
 from roslf_design.reporting.blocks import Table
 from roslf_design.reporting.design.pages import _accuracy_section
 from roslf_design.reporting.design.parts_list import parts_section
 from roslf_design.theory.stop_images import MicrolensImages
+from roslf_design.theory.vignetting import field_limit
 
 PAPER = roslf.load("paper")
 
@@ -721,3 +722,13 @@ def test_parts_of_a_warm_camera_are_told_at_one_temperature():
     rows = {row[0]: row for row in seen_table(result).rows}
     assert (rows["plate 1"][2], *rows["FAP"][2:4]) == ("122 mm", "120 mm", "2.9 mm")
     assert rows["focal plane"][2] == "423 mm"
+
+
+def test_a_field_beyond_a_bought_lens_s_clear_aperture_asks_for_another_lens():
+    lens = roslf.load("paper-singlet").replace({"main_lens.prescription": "AC508-100-A"})
+    for diameter, pupil, another in ((14.0, 2.9, False), (40.0, 30.0, True)):
+        camera = Camera.of(lens.replace(D=diameter, D_F=pupil))
+        limit = field_limit(camera)
+        field = Numbers.of(camera, "non_distortion", limit.numbers, undistorted_in_field=not limit.cuts)
+        remedy = _field_remedy(camera, field)
+        assert ("another main lens (this one's is 45.72 mm), of " in remedy) == another
