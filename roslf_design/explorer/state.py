@@ -9,7 +9,7 @@ import json
 import math
 import zlib
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from operator import attrgetter
 from typing import Annotated, Any, Literal, NamedTuple
@@ -292,7 +292,7 @@ class State:
     """Faults of fields, at most one a field."""
     message: str = ""
     """Message about a fault of something that is not a field: a file, a link."""
-    cold: Design | None = None
+    cold: Design | None = field(default=None, compare=False)
     """The design before it was last warmed; None where it was not."""
 
     @classmethod
