@@ -9,7 +9,7 @@ import json
 import math
 import zlib
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import attrgetter
 from typing import Annotated, Any, Literal, NamedTuple
@@ -292,8 +292,8 @@ class State:
     """Faults of fields, at most one a field."""
     message: str = ""
     """Message about a fault of something that is not a field: a file, a link."""
-    cold: Design | None = field(default=None, compare=False)
-    """The design before it was last warmed; None where it was not."""
+    cold: Design | None = None
+    """The design before it was warmed; None where nothing was done since but that."""
 
     @classmethod
     def of(cls, design: Design, follows: Follower | None = None) -> State:
@@ -444,8 +444,10 @@ class State:
                 problems = error.problems
                 continue
             left = tuple(fault for fault in self._faults_but(symbol) if fault.symbol not in others)
-            at_room = value_of(self.design, TEMPERATURE.symbol) == ROOM
-            return replace(self, design=design, faults=left, message="", cold=self.design if at_room else self.cold)
+            cold = None
+            if symbol == TEMPERATURE.symbol and value_of(design, symbol) != ROOM:
+                cold = self.design if value_of(self.design, symbol) == ROOM else self.cold
+            return replace(self, design=design, faults=left, message="", cold=cold)
         return self._with_fault(_Fault(symbol, text, _about(problems, symbol)))
 
     def _with(self, symbol: str, value: float | None, others: Mapping[str, float]) -> Design:
