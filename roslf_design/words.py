@@ -172,6 +172,11 @@ def percent(share: float, decimals: int = 0) -> str:
     return f"{100 * share:.{decimals}f} %"
 
 
+def clauses(*parts: str, by: str = "; ") -> str:
+    """Parts that say something, one after the other."""
+    return by.join(filter(None, parts))
+
+
 def listed(names: list[str]) -> str:
     """Names as a sentence lists them."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

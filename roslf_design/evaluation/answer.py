@@ -22,7 +22,7 @@ from ..theory.light import outer_slope
 from ..theory.limits import limits
 from ..theory.quantities import QUANTITIES
 from ..traced.fields import DesignImages, IdealImages, images_of
-from ..words import listed, number, on_side, uncertainty
+from ..words import clauses, listed, number, on_side, uncertainty
 from .specification import (
     ASKED,
     FOCUS,
@@ -280,10 +280,9 @@ def _evened_by(shown: FieldImages, field: int) -> str:
         barrel = float(angle_map("f theta", 1.0).light(F_TAN.angle(slope)))
         if barrel * light >= STOP * level:
             ways.append(f"an objective that draws the same field barrel-shaped (f theta leaves {100 * barrel:.3g} %)")
-    sentences = (
+    return clauses(
         "no place of the exit pupil evens it" if by_angle else "",
         f"what is required ({listed(least)}) allows no smaller sensor" if least else "",
         f"{' or '.join(ways)} would" if ways else "",
         f"{'else' if ways else 'what is left is'} a flat-field correction of pictures, with that noise",
     )
-    return "; ".join(filter(None, sentences))

@@ -37,7 +37,7 @@ from ..theory.length_covariance import LengthCovariance
 from ..theory.limits import as_design, limits
 from ..theory.quantities import NO_LENS_MOVES, quantity_named
 from ..theory.quantity import FEASIBLE, Quantity
-from ..words import length, number, on_side, the, uncertainty
+from ..words import clauses, length, number, on_side, the, uncertainty
 from .groups import Verdict
 from .remedies import MATCH, Holds, is_matched, reaching
 from .specification import FieldImages, view_fold
@@ -129,11 +129,11 @@ class Requirement:
     def beside(self, once: str, expanded: Array) -> Requirement:
         """Requirement of a depth that is met `once` something is done, and U of lengths as a first look builds them."""
         bare = f"without a calibration, lengths as a first look builds them, U = {uncertainty(float(expanded), 4)}"
-        told = replace(self, counts="; ".join(filter(None, (self.counts, bare))))
+        told = replace(self, counts=clauses(self.counts, bare))
         if not (self.met and once):
             return told
-        remedy = "; ".join(filter(None, ("calibrate every camera, as the plan has it", self.remedy)))
-        return replace(told, only=", ".join(filter(None, (once, self.only))), remedy=remedy)
+        remedy = clauses("calibrate every camera, as the plan has it", self.remedy)
+        return replace(told, only=clauses(once, self.only, by=", "), remedy=remedy)
 
     def _with_unit(self, value: float) -> str:
         if self.quantity in ("u_z_mm", "sigma_z_mm"):
@@ -152,7 +152,7 @@ class Requirement:
         """Whether it is met, and by how much it is missed."""
         where = "" if self.field is None else f"_{self.field}"
         where += "" if self.at_mm is None else f"_at_{self.at_mm:g}_mm"
-        counts = "; ".join(filter(None, (self.expanded(self.value), self.counts)))
+        counts = clauses(self.expanded(self.value), self.counts)
         counts = f" ({counts})" if counts else ""
         caution = f", {self.caution.replace('; ', ', and ')}" if self.caution else ""  # no verdict in brief cuts it
         text = f"{self.label} is {self.value_words}{counts}{caution}, required {self.both_limits}"
@@ -232,36 +232,36 @@ def requirements(
         elif met and quantity.name == "working_distance_mm" and low is not None and high is not None:
             only, remedy = _of_the_focal_plane(camera, low, high)
         if met and worst is not None and not quantity.within(low, high, worst[1] / COVERAGE):
-            only = _and(only, "over environment.range, not at its worse end")
-            remedy = _then(remedy, MENDED_BY[WARMTH])
+            only = clauses(only, "over environment.range, not at its worse end", by=", ")
+            remedy = clauses(remedy, MENDED_BY[WARMTH])
         if met and at is not None and quantity.of_views and (blurred := _blurred(camera, at)):
-            only, remedy = _and(only, "where single views blur"), _then(remedy, blurred)
+            only, remedy = clauses(only, "where single views blur", by=", "), clauses(remedy, blurred)
         if field is not None and not met and not sampled and low is not None and value < low <= middle:
             remedy = SHARPER
         if quantity.of_views and not has_views(camera):
             remedy = f"pixels are no views, which it is of: {pupil_remedy(camera)}"
         if quantity.name == "detail_lp_per_mm" and not undefined and field is None:
             corner = shown.detail_in("corner", at).usable_lp_per_mm or 0.0
-            counts = _then(counts, f"in the middle; in the field's corner {number(corner, 3)} lp/mm")
+            counts = clauses(counts, f"in the middle; in the field's corner {number(corner, 3)} lp/mm")
             if met and low is not None and not quantity.within(low, None, corner):
                 much_less = f", {number(corner, 3)} lp/mm in the corner" * (corner < low / 2)
-                only = _and(only, f"in the middle alone{much_less}")
-                remedy = _then(remedy, f'field = "corner" requires it there; {SHARPER}')
+                only = clauses(only, f"in the middle alone{much_less}", by=", ")
+                remedy = clauses(remedy, f'field = "corner" requires it there; {SHARPER}')
         if of_detail and not undefined and (of_colours := _of_colours(camera, at, max(value, low or 0.0))):
-            counts = _then(counts, of_colours[0])
+            counts = clauses(counts, of_colours[0])
             if met and low is not None and low > of_colours[1]:
-                remedy = _then(remedy, "a monochrome sensor lets single views show it, too")
-                only = _and(only, "for refocused images alone")
+                remedy = clauses(remedy, "a monochrome sensor lets single views show it, too")
+                only = clauses(only, "for refocused images alone", by=", ")
         if not met and not undefined:
             slip = _slip_of_unit(asked, low, high, value, quantity.unit)
             culprit = _culprit(quantity, camera, fold if of_detail and not sampled else value, low)
-            remedy = _then(slip, culprit, remedy or WAYS * bool(slip or culprit))
+            remedy = clauses(slip, culprit, remedy or WAYS * bool(slip or culprit))
         twin = None if value == closed or not lens.mounted or math.isnan(closed) else closed
         if twin is not None:
-            counts = _then(counts, f"of rays; of the thin-lens model {number(twin, 4)} {quantity.unit}")
+            counts = clauses(counts, f"of rays; of the thin-lens model {number(twin, 4)} {quantity.unit}")
         elif lens.mounted and met and field is None and quantity.name not in NO_LENS_MOVES:
-            only = _and(only, "by the thin-lens model alone")
-            remedy = _then(remedy, f"no aberration of {lens.name} is in that: leave it a margin")
+            only = clauses(only, "by the thin-lens model alone", by=", ")
+            remedy = clauses(remedy, f"no aberration of {lens.name} is in that: leave it a margin")
         numbers, words = (at, low, high, known), (counts, only, remedy)
         told.append(Requirement(quantity.name, label, *numbers, quantity.unit, met, *words, twin, field, caution))
     return tuple(told)
@@ -318,16 +318,6 @@ def _also_held(design: Design, camera: Camera) -> dict[str, Holds]:
         for asked, quantity, low, high in limits(design)
         if asked.field is None and not quantity.numeric
     }
-
-
-def _and(*words: str) -> str:
-    """Words that say something, one after the other."""
-    return ", ".join(filter(None, words))
-
-
-def _then(*sentences: str) -> str:
-    """Sentences that say something, one after the other."""
-    return "; ".join(filter(None, sentences))
 
 
 def _of_depth(budget: DepthBudget, most: float) -> str:

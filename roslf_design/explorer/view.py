@@ -36,7 +36,7 @@ from ..reporting.optimise.pictures import change_bars, ends_differ, goal_front, 
 from ..reporting.tolerance.pictures import offender_bars, spread_bars, yield_bars, yield_curve
 from ..theory.depth_budget import NOISE, WARMTH
 from ..theory.quantities import QUANTITIES
-from ..words import decimals, listed, percent, the, to_html
+from ..words import clauses, decimals, listed, percent, the, to_html
 from .optimise_run import OptimiseResult
 from .state import (
     BY_SYMBOL,
@@ -521,7 +521,7 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
     if assumed is not None and budget.largest.name != NOISE:
         text += f" More light hardly helps: {budget.largest.name} rules."
         if budget.largest.name == WARMTH:
-            remedy = "; ".join(filter(None, (COOLER, remedy and f"at the corner {remedy}")))
+            remedy = clauses(COOLER, remedy and f"at the corner {remedy}")
     elif assumed is not None:
         dark = design.sensor.read_noise**2 / max(assumed.electrons, 1e-300)
         text += " Twice the contrast halves it; " + (

@@ -218,7 +218,8 @@ class _Pool:
         self.problem, self.cost = problem.without_goals(), DEAR if problem.summed else 1
         self.counts = self.problem.dear and budget.each > 0
         evaluations, seconds = EXPLAINING
-        self.budget = budget.at_least(evaluations / (1 if self.counts else self.cost), seconds)
+        self.each = 1 if self.counts else self.cost
+        self.budget = budget.at_least(evaluations / self.each, seconds)
         self.owner = np.array([row.constraint for row in self.problem.rows])
         self.units, self.over = np.empty((0, problem.n)), np.empty((1 + len(problem.constraints), 0))
         self.add(np.concatenate([np.clip(np.stack(starts), 0, 1), sobol_units(problem.n, LOOKED_AT // self.cost, 5)]))
@@ -296,7 +297,7 @@ def _smallest(pool: _Pool, among: Sequence[int]) -> tuple[frozenset[int], bool]:
 def _by_deletion(pool: _Pool, among: Sequence[int]) -> frozenset[int]:
     """Where the budget is spent: leave out what the conflict does not need, one after the other."""
     evaluations, seconds = EXPLAINING
-    pool.budget = pool.budget.at_least(evaluations / (1 if pool.counts else pool.cost) / 2, seconds / 2)
+    pool.budget = pool.budget.at_least(evaluations / pool.each / 2, seconds / 2)
     keep = frozenset(among)
     for index in among:
         if pool.possible(keep - {index}) is False:

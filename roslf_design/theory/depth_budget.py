@@ -13,7 +13,7 @@ import numpy as np
 
 from .._arrays import Array, by_value
 from ..camera import TEMPERATURES, Camera, Number
-from ..words import listed, uncertainty
+from ..words import clauses, listed, uncertainty
 from .depth_error import (
     MOST_FILL,
     depth_error,
@@ -103,7 +103,7 @@ class DepthBudget:
     def mostly(self) -> str:
         """Its largest term, lengths that are taken as drawn, and the caution."""
         drawn = f"{BUILT} not in it" * self.as_drawn
-        return "; ".join(filter(None, (f"mostly {self.largest.name}", drawn, self.caution)))
+        return clauses(f"mostly {self.largest.name}", drawn, self.caution)
 
     @property
     def caution(self) -> str:
@@ -112,7 +112,7 @@ class DepthBudget:
         if self.worst is not None:
             degrees, expanded = self.worst
             worst = f"at {degrees:g} °C, the worse end of environment.range, U = {uncertainty(expanded, 3)}"
-        return "; ".join(filter(None, (worst, MODEL_ALONE * self.uncovered)))
+        return clauses(worst, MODEL_ALONE * self.uncovered)
 
     @property
     def words(self) -> str:

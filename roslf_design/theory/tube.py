@@ -16,7 +16,7 @@ from ..catalogue.entries import named_window
 from ..design import PATHS
 from ..lenses.glass import ROOM
 from ..lenses.prescription import Prescription
-from ..words import number, the
+from ..words import clauses, number, the
 
 WALL, GUIDE, LENGTH, OUTER = "tube.wall", "tube.light_guide", "tube.length", "tube.outer_diameter"
 PACKAGE = "sensor.package"
@@ -171,7 +171,7 @@ def walls(c: Camera) -> tuple[str, str]:
     counted = f"as stated: {parts}, clearance {number(outer - narrowest, 3, 1e-9)} mm"
     if outer < narrowest * (1 - 1e-9):
         counted = f"with its wall: {parts}; {number(outer, 4)} mm as stated is too narrow"
-    return "tube", "; ".join(filter(None, (counted, uncounted(c), cold_words(c))))
+    return "tube", clauses(counted, uncounted(c), cold_words(c))
 
 
 def cold_words(c: Camera) -> str:

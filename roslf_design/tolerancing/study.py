@@ -56,9 +56,9 @@ from .places import LENSLETS, SHIPPED, Grades, expand, load_grades, nominal_valu
 CALIBRATION = "calibration"
 """Name of the compensator that teaches the decoder each build instead of moving a part."""
 MOST_TRIALS = 10**10
+"""Fifteen hours of a processor at best."""
 MOST_MEMORY, SOBOL_ROWS = 1 << 30, 600
 """Bytes that Sobol indices may take, and numbers a sample beside those of factors: weights of its resampling."""
-"""Fifteen hours of a processor at best."""
 
 SAME_PLACE = 1e-9
 """Distance below which two fields are one [mm]."""

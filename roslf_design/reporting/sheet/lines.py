@@ -51,7 +51,7 @@ from ...tolerancing.places import short_name
 from ...tolerancing.result import MANY, is_limited, of_builds, share_that_meets
 from ...tolerancing.trials import first_builds, lengths_built
 from ...traced.fields import IdealImages
-from ...words import ROUNDING, listed, number
+from ...words import ROUNDING, clauses, listed, number
 from ..blocks import Block, Figure, Paragraph, Report, Section, Table
 from ..design.curves import KnownLengths
 from ..design.figures import depth_figure, dimensions_sheet, glance
@@ -176,10 +176,10 @@ class BuildSpread(NamedTuple):
             meeting = share_that_meets(self.plan, self.final, one)
             share, words = meeting.value, f"{number(100 * meeting.value, 4)} % of {meeting.trials:,} builds meet it"
         if one.met and share < self.target:
-            only = ", ".join(filter(None, ("as drawn", only)))
+            only = clauses("as drawn", only, by=", ")
             more = f"tighter tolerances or adjustments, for {100 * self.target:.4g} % of builds to meet it"
-            remedy = "; ".join(filter(None, (more, remedy)))
-        return replace(one, counts="; ".join(filter(None, (one.counts, words))), only=only, remedy=remedy)
+            remedy = clauses(more, remedy)
+        return replace(one, counts=clauses(one.counts, words), only=only, remedy=remedy)
 
     def uncounted(self, required: Sequence[Requirement]) -> str:
         """Sentences on what is required and no limit of the study holds, or holds with the builds' own values."""
@@ -334,7 +334,7 @@ def _lines(
     light = 100 * outermost.relative_illumination
     yield _SheetLine("Over the field", f"relative illumination {at}", light, "%", "against the middle", of=shaded)
     answer = lit(FirstAnswer.of(shown, budget=budgets[None]))
-    remark = "; ".join(filter(None, (answer.text, answer.remedy)))
+    remark = clauses(answer.text, answer.remedy)
     yield _SheetLine("Over the field", "evenly lit", None, "", remark, text="yes" if answer.ok else "no")
     width, height = sheet.pixels
     yield _SheetLine("Sampling", "pixels", None, "", "", text=f"{width} x {height}")
@@ -357,7 +357,7 @@ def _required_lines(required: Iterable[Requirement]) -> Iterator[_SheetLine]:
         mark = f"{MARKS['limit']} " if one.met and one.only else ""
         told = [f"{mark}{one.outcome}: {one.both_limits}", one.expanded(one.value), one.counts, one.caution]
         text = "" if one.value is not None and math.isfinite(one.value) else one.value_words
-        yield _SheetLine(REQUIRED, one.label, one.value, one.unit, "; ".join(filter(None, told)), own, text, of)
+        yield _SheetLine(REQUIRED, one.label, one.value, one.unit, clauses(*told), own, text, of)
 
 
 def _range_lines(within: WorkingRange) -> Iterator[_SheetLine]:
