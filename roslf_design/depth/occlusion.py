@@ -486,8 +486,7 @@ def past_edges(
     found.take(first, wanted, limits)
     if not quarters:
         return found, np.zeros(wanted.shape, np.bool_)
-    each = np.unique(np.concatenate([quarter.few for quarter in quarters]))
-    own = [np.isin(each, quarter.few) for quarter in quarters]
+    each, own = _few_of(quarters)
     settled = _Settled.none(len(quarters), wanted.shape)
     for last in (False, True):
         wanted = wanted & ~np.isfinite(found.sigma)
@@ -505,6 +504,12 @@ def past_edges(
             few(quarter.few, along, first.picture).settle(alone, SIZES[0], tried, settled)
         found.take(look(_parts(quarters, settled), first.picture), wanted, limits)
     return found, _behind(first, quarters, disparity, look, few, limits, found)
+
+
+def _few_of(quarters: Sequence[Quarter]) -> tuple[NDArray[np.int64], list[Flags]]:
+    """Indices of the few views of all quarters, and which of them are each quarter's."""
+    each = np.unique(np.concatenate([quarter.few for quarter in quarters]))
+    return each, [np.isin(each, quarter.few) for quarter in quarters]
 
 
 def _parts(quarters: Sequence[Quarter], settled: _Settled) -> list[tuple[Flags, Array]]:
@@ -526,8 +531,7 @@ def _behind(
     beside = known - farther > _DEPTH_STEP
     about = ndimage.binary_dilation(beside, np.ones((SIZES[0], SIZES[0]), np.bool_))
     untried = np.full((len(quarters), *known.shape), np.nan)
-    each = np.unique(np.concatenate([quarter.few for quarter in quarters]))
-    own = [np.isin(each, quarter.few) for quarter in quarters]
+    each, own = _few_of(quarters)
     here, behind = (_Settled.none(len(quarters), known.shape) for _ in range(2))
     for surface, along in ((here, known), (behind, np.where(np.isfinite(farther), farther, np.nan))):
         light = few(each, np.where(about, along, np.nan), first.picture)
