@@ -5,7 +5,7 @@ A mark names its colour for `theme.Theme`; widths, sizes and shifts of text are 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._arrays import Array
-from .theme import SMALL
+from .theme import SMALL, text_width
 
 Point = tuple[float, float]
 Box = tuple[float, float, float, float]
@@ -172,32 +172,56 @@ def where_above(values: ArrayLike, x: ArrayLike, y: ArrayLike, level: float) -> 
 
 LABELLED = 0.15
 """Share of a map's width or height from which a line of equal values has its number."""
-LABEL_AT_SIDE = 0.36
-"""Distance from a map's middle along its width from which the number ends, not has its middle, on the line."""
 INSIDE = 0.46
 """Distance from a map's middle, over its width or height, within which the number stands."""
+LABEL_TALL = 18.0
+"""Height that a number on a line takes [px]."""
 
 
-def contours(values: ArrayLike, x: ArrayLike, y: ArrayLike, levels: Iterable[tuple[float, str]]) -> list[Line | Text]:
-    """Lines of equal values, numbered nearest the middle unless in a mere corner; values as for `where_above`."""
+def contours(
+    values: ArrayLike, x: ArrayLike, y: ArrayLike, levels: Iterable[tuple[float, str, tuple[str, float, str]]],
+    size: Point, kept: Sequence[Point] = (),
+) -> list[Line | Text]:  # fmt: skip
+    """Lines of equal values, each with its number and its look, those of mere corners without the number.
+
+    Values are as for `where_above`. A number stands on its line as near the middle as it is inside the map, on none of
+    those before it and on no place that is `kept` free; `size` is that of the map [px].
+    """
     from contourpy import contour_generator
 
     made = contour_generator(x, y, np.ma.masked_invalid(np.asarray(values, float)), name="serial")
     sides = np.array([[np.min(x), np.min(y)], [np.max(x), np.max(y)]], float)
-    middle, spans = sides.mean(axis=0), np.ptp(sides, axis=0)
+    middle, spans = sides.mean(axis=0), np.where(np.ptp(sides, axis=0) > 0, np.ptp(sides, axis=0), 1.0)
+    taken = [(*((np.array(place) - middle) / spans * size), LABEL_TALL / 2) for place in kept]
     marks: list[Line | Text] = []
-    for level, text in levels:
-        if runs := [np.asarray(run) for run in made.lines(level)]:
-            longest = max(runs, key=len)
-            away = np.abs((longest - middle) / np.where(spans > 0, spans, 1.0)).max(axis=1)
-            middle_x, middle_y = map(float, longest[int(away.argmin())])
-            marks.append(Line(*xy(joined(runs)), width=0.8))
-            if away.min() < INSIDE and (np.ptp(longest, axis=0) > LABELLED * spans).any():
-                aside = (middle_x - float(middle[0])) / float(spans[0] or 1.0)
-                anchor = "middle" if abs(aside) < LABEL_AT_SIDE else "end" if aside > 0 else "start"  # off the axis
-                dx = 0.0 if anchor == "middle" else -6.0 * np.sign(aside)
-                marks.append(Text(middle_x, middle_y, text, anchor=anchor, dx=dx, dy=4.0, plate=True))
+    for level, text, (colour, width, dash) in levels:
+        runs = [np.asarray(run) for run in made.lines(level)]
+        if not runs:
+            continue
+        longest = max(runs, key=len)
+        marks.append(Line(*xy(joined(runs)), colour, width, dash))
+        if not (np.ptp(longest, axis=0) > LABELLED * spans).any():
+            continue
+        half = text_width(text, SMALL) / 2 + 5
+        shares = (_close_points(longest, spans / np.array(size)) - middle) / spans
+        for share in shares[np.argsort(np.hypot(*shares.T), kind="stable")]:
+            across, up = share * size
+            inside = float(np.clip(across, half - size[0] / 2, size[0] / 2 - half))
+            free = all(abs(inside - a) > half + wide or abs(up - b) > LABEL_TALL for a, b, wide in taken)
+            if abs(share[1]) < INSIDE and free:
+                taken.append((inside, up, half))
+                at = middle + share * spans
+                marks.append(Text(*map(float, at), text, anchor="middle", dx=inside - across, dy=4.0, plate=True))
+                break
     return marks
+
+
+def _close_points(run: Array, per_px: Array) -> Array:
+    """Points of a polyline and, where these are far apart, others between them, a few pixels from each other."""
+    steps = np.hypot(*(np.diff(run, axis=0) / per_px).T)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    at = np.linspace(0.0, along[-1], int(along[-1] / 4) + 2)
+    return np.stack([np.interp(at, along, values) for values in run.T], -1)
 
 
 def joined(runs: Iterable[Array]) -> Array:

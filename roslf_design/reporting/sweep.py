@@ -16,7 +16,15 @@ from ..theory.quantities import in_words
 from ..words import number
 
 TALL = 230.0
-"""Height of each panel [px]."""
+"""Height of each curve's picture [px]."""
+SIDES, FOOT = (72.0, 110.0), 42.0
+"""Room left and right of a map, and below it [px]."""
+MAP = (PAGE - sum(SIDES), 230.0)
+"""Width and height of a map [px]."""
+DOT = 9.0
+"""Room that the dot at the design has at least on each side [px]."""
+LEVEL = ("ink", 0.8, "")
+"""Look of lines of equal values."""
 LINES = 6
 """Lines of equal values on a map, about."""
 OWN, REQUIRED = ("vermillion", 1.2, "6 3"), ("orange", 2.0, "9 3")
@@ -105,22 +113,30 @@ def _panel(swept: Sweep, name: str, title: str, ends: list[tuple[float, str]]) -
     box = across.low - steps[0], across.high + steps[0], up.low - steps[1], up.high + steps[1]
     log = low > 0 and high > DECADES * float(np.median(known))
     across_shades = Scale(low, high, log)
-    shades = Image(across_shades.share(np.where(np.isfinite(values), values, low)).T, box, "blue", 0.0, 1.0)
-    levels = named_ticks(across_shades.ticks(LINES))
-    marks: list[Mark] = [shades, *(contours(values.T, x, y, levels) if min(values.shape) > 1 else ())]
-    for mark in contours(values.T, x, y, near) if min(values.shape) > 1 else ():
-        colour, width, dash = REQUIRED
-        marks.append(replace(mark, colour=colour, width=width, dash=dash) if isinstance(mark, Line) else mark)
-        keys += [line_key("required", *REQUIRED)]
+    shades = across_shades.share(np.where(np.isfinite(values), values, low)).T
+    marks: list[Mark] = [Image(shades, box, "blue", 0.0, 1.0)]
+    if min(values.shape) > 1:
+        told = named_ticks(across_shades.ticks(LINES))
+        levels = [*((*end, REQUIRED) for end in near), *((*tick, LEVEL) for tick in told)]
+        marks += contours(values.T, x, y, levels, MAP, [(swept.own[0], swept.own[1])] * within)
+        keys += [line_key("required", *REQUIRED)] * any(getattr(mark, "colour", "") == REQUIRED[0] for mark in marks)
     keys += [box_key("no camera, or no finite value", "grey", 0.9)] if not np.isfinite(values).all() else []
     none = np.argwhere(~np.isfinite(values))
     if none.size:
         middle = np.stack([x[none[:, 0]], y[none[:, 1]]], -1)
         corners = middle[:, None] + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * steps
         marks.append(Area(parted(corners[..., 0]), parted(corners[..., 1]), "grey", 0.9))
+    across, up = Scale(*box[:2]), Scale(*box[2:])
     if within:
+        per_px = [(scale.high - scale.low) / px for scale, px in zip((across, up), MAP, strict=True)]
+        across, up = (
+            Scale(min(scale.low, own - DOT * room), max(scale.high, own + DOT * room))
+            for scale, own, room in zip((across, up), swept.own, per_px, strict=True)
+        )
         marks.append(Dots(swept.own[:1], swept.own[1:], "vermillion", size=6, edge="ground", width=2, testid="own"))
         keys.append(dot_key("the design", "vermillion", size=6))
     panel = Panel((0, 0, 1, 1), across, up, tuple(marks), label, _label(other, swept.units[other]), title, grid="")
-    picture = one_panel(f"sweep-{name}", name, (PAGE, TALL + 60), panel, left=72, right=110, top=32 if title else 14)
+    top = 32.0 if title else 14.0
+    size = PAGE, MAP[1] + top + FOOT
+    picture = one_panel(f"sweep-{name}", name, size, panel, left=SIDES[0], right=SIDES[1], top=top, foot=FOOT)
     return picture.with_panels(colour_bar(picture.panels[0], low, high, "blue", _label(name, unit), log)), keys

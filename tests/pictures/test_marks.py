@@ -228,10 +228,32 @@ def test_an_image_stands_as_its_scale_runs(downwards, real_pngs):
     assert abs(int(shown[30, 60]) - int(top[0])) < 3  # matplotlib agrees
 
 
+THIN = ("ink", 0.8, "")
+
+
 def test_lines_of_equal_values_lie_where_values_are_equal():
     x, y = np.linspace(0, 3, 31), np.linspace(1, 2, 21)
-    drawn = marks.contours(np.add.outer(y, 2 * x), x, y, [(4.0, "4"), (7.95, "7.95"), (20.0, "20")])
+    levels = [(4.0, "4", THIN), (7.95, "7.95", THIN), (20.0, "20", THIN)]
+    drawn = marks.contours(np.add.outer(y, 2 * x), x, y, levels, (300, 200))
     lines = [mark for mark in drawn if isinstance(mark, marks.Line)]
     for line, level in zip(lines, (4.0, 7.95), strict=True):  # none of a value that is nowhere
         np.testing.assert_allclose(2 * np.asarray(line.x) + line.y, level, atol=1e-12)
     assert [mark.text for mark in drawn if isinstance(mark, marks.Text)] == ["4"]  # of a mere corner none
+
+
+def test_numbers_on_lines_of_equal_values_cover_neither_each_other_nor_what_is_kept_free_nor_the_edge():
+    x, y, size = np.linspace(0.0, 1.0, 41), np.linspace(0.0, 1.0, 41), (300.0, 200.0)
+    steep = np.broadcast_to(1.0 / (0.05 + x), (41, 41))  # its lines crowd at one side
+    levels = [(level, f"at most {level} mm", THIN) for level in (19.0, 12.0, 8.0, 5.0, 4.0, 2.0)]
+    drawn = marks.contours(steep, x, y, levels, size, [(0.45, 0.5)])
+    told = [mark for mark in drawn if isinstance(mark, marks.Text)]
+    assert [mark.text for mark in told] == [text for _, text, _ in levels]
+    wide = [text_width(mark.text, mark.size) for mark in told]
+    places = [(mark.x * size[0] + mark.dx, mark.y * size[1]) for mark in told]
+    for k, (across, up) in enumerate(places):
+        assert wide[k] / 2 <= across <= size[0] - wide[k] / 2
+        assert abs(across - told[k].x * size[0]) <= wide[k] / 2 + 5  # beside its line at most
+        others = [(*place, width / 2) for place, width in zip(places[:k], wide[:k], strict=True)] + [
+            (135.0, 100.0, 6.0)
+        ]
+        assert all(abs(across - a) > (wide[k] / 2 + half) or abs(up - b) >= told[k].size for a, b, half in others)

@@ -226,9 +226,9 @@ def _asked_of_depth(design: Design, curve: _DepthCurve) -> tuple[list[Mark], lis
         symbol, values, here = told[quantity.name]
         value = here if asked.at is None else float(np.interp(at, curve.distance, values))
         met = bool(quantity.within(None, most, value))
-        look = ("green" if met else "vermillion", "v")
-        signs.append(Dots([at], [most], *look, size=5, edge="ground", width=1, testid="required"))
         drawn_alone = met and quantity.name == "u_z_mm" and curve.counts == AS_DRAWN
+        look = ("orange" if drawn_alone else "green" if met else "vermillion", "v")  # the colours of verdicts
+        signs.append(Dots([at], [most], *look, size=5, edge="ground", width=1, testid="required"))
         outcome = f"met{' as drawn' * drawn_alone}" if met else "missed"
         words = f"required: {symbol} at most {short(most)} mm at {short(at)} mm, {outcome}"
         keys.append(dot_key(words, *look))

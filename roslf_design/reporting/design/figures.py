@@ -23,7 +23,7 @@ from .effects import effects_budget
 from .field import field_map, field_maps, lens_images, lens_over_field
 from .instrument import instrument_scene
 from .microlens import microlens_image, microlens_images, rays_and_waves
-from .rays import cells, dimensions, is_centred, meridional, ray_diagrams, ray_words, scale_words
+from .rays import cells, dimensions, is_centred, meridional, ray_diagrams, ray_words, scale_words, unfolded_words
 
 if TYPE_CHECKING:
     from ...design import Design
@@ -266,6 +266,7 @@ def dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     caption = (
         "Elements in their order along the axis. The numbers are the dimensions; the drawing is not to scale. d_f, d_3 "
         f"and further stops count from the main lens towards the object, d_1 from it to the microlens array.{holds}"
+        + "".join(f" It is {words}." for words in unfolded_words(drawn))
     )
     return Figure.of("dimensions", "Dimensions", caption, dimensions(drawn))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -86,7 +87,17 @@ def ray_words(design: Design) -> str:
     """Fields whose rays a section shows, with their colours, and what stops others, for a drawing without a key."""
     drawn = _labelled_fans(design.thin_twin.with_own_stop)
     rays = "rays of " + listed([f"{fan.label} ({colour})" for fan, colour in zip(drawn, FIELDS, strict=True)])
-    return rays if all(fan.kept.all() for fan in drawn) else f"{rays}; dashed orange ones end, with a cross, at a stop"
+    ends = "" if all(fan.kept.all() for fan in drawn) else "; dashed orange ones end, with a cross, at a stop"
+    return "; ".join([f"{rays}{ends}", *unfolded_words(design)])
+
+
+def unfolded_words(design: Design) -> list[str]:
+    """Words on which way a camera looks whose axis a section draws straight; none where nothing folds it."""
+    camera = Camera.of(design)
+    if not camera.chain.folding:
+        return []
+    aside = float(QUANTITIES["direction_of_view_deg"](camera))
+    return [f"drawn unfolded along the light: it looks {short(aside, 3)}° from straight ahead"]
 
 
 def _medium_label(design: Design) -> str:
@@ -105,7 +116,7 @@ def is_centred(design: Design) -> bool:
 
 def meridional(
     design: Design, size: Point = (900, 340), *, whole: bool | None = None, key: bool = True,
-    close: Literal["", "tip", "sensor"] = "",
+    close: Literal["", "tip", "sensor"] = "", like: Design | None = None,
 ) -> Picture:  # fmt: skip
     """Draw the section in which rays run.
 
@@ -122,6 +133,8 @@ def meridional(
         Whether a legend is drawn; else close to one end which end it is, and the scales.
     close : {"", "tip", "sensor"}
         Only what stands about the tip, or about array and sensor; `whole` is then of no account.
+    like : Design, optional
+        Another design whose section, drawn like this one, has the same axes and scales.
 
     Returns
     -------
@@ -133,15 +146,18 @@ def meridional(
     -----
     Each field lies in its own meridional plane, turned into the page; with decentres, the plane is x-z.
     """
-    thin = design.thin_twin.with_own_stop
-    whole = math.isfinite(design.d_f) and (_instrument_share(design) > SMALLEST_SHARE if whole is None else whole)
-    whole = whole and not close
-    drawn = _labelled_fans(thin)
+    both = [design, *([] if like is None else [like])]
+    if whole is None:
+        whole = all(_instrument_share(one) > SMALLEST_SHARE for one in both)
+    whole = whole and not close and all(math.isfinite(one.d_f) for one in both)
+    twins = [one.thin_twin.with_own_stop for one in both]
+    each = [_labelled_fans(twin) for twin in twins]
+    tubes = [_Tube.of(one) for one in both]
+    thin, drawn, tube = twins[0], each[0], tubes[0]
     keys = [
         line_key(fan.label if fan.kept.any() else f"{fan.label} (dark)", colour, 1.9)
         for fan, colour in zip(drawn, FIELDS, strict=True)
     ]
-    tube = _Tube.of(design)
     blocked = sum(int(tube.meets(fan).sum()) for fan in drawn)
     if blocked:
         cross = Dots((0.0,), (0.0,), "vermillion", "x", 3.5, width=1.5)
@@ -160,9 +176,13 @@ def meridional(
         return [Key(words if whole else f"{words}; object plane {short(design.d_f)} mm before the lens", ruler)]
 
     # How many rows the legend takes must be known before the scale is, which it tells.
-    keys += tube.keys if key else ()
+    keys += [*tube.keys, *(Key(words, ()) for words in unfolded_words(design))] if key else ()
     foot = legend_height([*keys, *scales(100.0)], size[0] - 28)
-    section = _section(thin, drawn, (size[0], size[1] - foot), whole, close, tube)
+    clear = size[0], size[1] - foot
+    frames = [_Frame.of(twin, fan, tube, whole, close) for twin, fan, tube in zip(twins, each, tubes, strict=True)]
+    frame = functools.reduce(_Frame.around, frames)
+    layouts = [_section(twin, clear, whole, close, own, frame) for twin, own in zip(twins, tubes, strict=True)]
+    section = _section(thin, clear, whole, close, tube, frame, min(one.exaggeration for one in layouts))
     keys += scales(section.exaggeration)
     tip, half = -_front(thin), section.half
     marks: list[Mark] = tube.marks(half)
@@ -298,25 +318,48 @@ class _SectionLayout(NamedTuple):
     """Room below it for dimensions [px]."""
 
 
+class _Frame(NamedTuple):
+    """Frame of a section: what it shows, and the room beside it."""
+
+    left: float
+    """Ends along the axis [mm]."""
+    right: float
+    half: float
+    """Half the height [mm]."""
+    beside: float
+    """Room right of it [px]."""
+
+    @classmethod
+    def of(cls, design: Design, drawn: list[_LabelledFan], tube: _Tube, whole: bool, close: str) -> _Frame:
+        """Frame of one design's section."""
+        end, front = design.d_1 + design.d_2, _front(design)
+        length = end + (design.d_f if whole else front)
+        left = -design.d_f - 0.05 * length if whole else -front - 0.14 * length
+        right = end + 0.07 * length
+        if close == "tip":
+            left, right = -front - CLOSE * length / 4, CLOSE * length - front
+        elif close:
+            left, right = design.d_1 - 3 * design.d_2, end + design.d_2 / 4
+        solid = [*reaches(design, left, right), *[math.hypot(*design.sensor_size) / 2] * (right >= end)]
+        if close != "sensor":  # which may be far smaller than the tube
+            solid += [tube.outer, *[tube.most] * (tube.most < TALLEST * tube.outer)]
+        high = np.abs([_heights(fan, left, right if close else math.inf) for fan in drawn])
+        # Where all light passes, and where it starts; what is blocked may run to any height.
+        lit = max(*solid, high[..., 0].max(), np.where([fan.kept for fan in drawn], high.max(axis=-1), 0.0).max())
+        beside = 16.0 if close == "tip" else 18.0 + text_width(f"d_2 = {short(design.d_2)} mm", SMALL)
+        return cls(left, right, 1.08 * min(max(lit, high.max()), BEYOND * lit), beside)
+
+    def around(self, other: _Frame) -> _Frame:
+        """Frame that shows what two show."""
+        return _Frame(min(self.left, other.left), *map(max, self[1:], other[1:]))
+
+
 def _section(
-    design: Design, drawn: list[_LabelledFan], size: Point, whole: bool, close: str, tube: _Tube
+    design: Design, size: Point, whole: bool, close: str, tube: _Tube, frame: _Frame, most: float = math.inf
 ) -> _SectionLayout:
-    end, front = design.d_1 + design.d_2, _front(design)
-    length = end + (design.d_f if whole else front)
-    left = -design.d_f - 0.05 * length if whole else -front - 0.14 * length
-    right = end + 0.07 * length
-    if close == "tip":
-        left, right = -front - CLOSE * length / 4, CLOSE * length - front
-    elif close:
-        left, right = design.d_1 - 3 * design.d_2, end + design.d_2 / 4
-    solid = [*reaches(design, left, right), *[math.hypot(*design.sensor_size) / 2] * (right >= end)]
-    if close != "sensor":  # which may be far smaller than the tube
-        solid += [tube.outer, *[tube.most] * (tube.most < TALLEST * tube.outer)]
-    high = np.abs([_heights(fan, left, right if close else math.inf) for fan in drawn])
-    # Where all light passes, and where it starts; what is blocked may run to any height.
-    lit = max(*solid, high[..., 0].max(), np.where([fan.kept for fan in drawn], high.max(axis=-1), 0.0).max())
-    half = 1.08 * min(max(lit, high.max()), BEYOND * lit)
-    side = 16.0, 16.0 if close == "tip" else 18.0 + text_width(f"d_2 = {short(design.d_2)} mm", SMALL)
+    """Layout within a frame, heights no more than `most` times as large as lengths."""
+    left, right, half, beside = frame
+    side = 16.0, beside
     across = max(size[0] - sum(side), 50.0)
     under = DIMENSION_ROW * (2 if not close or design.d_3 < 0 else 1) + 14
     rows, along, factor, over = [0], across / (right - left), 1.0, 0.0
@@ -333,7 +376,7 @@ def _section(
         widths = [(text_width(name, SMALL) + 8) / along for _, name in names]
         rows = rows_of_names([z for z, _ in names], widths)
     steps = [step * 10.0**power for power in range(16) for step in EXAGGERATIONS]
-    factor = max(step for step in (*steps, *(1 / step for step in steps)) if step <= factor * (1 + 1e-9))
+    factor = max(step for step in (*steps, *(1 / step for step in steps)) if step <= min(factor, most) * (1 + 1e-9))
     width, tall = along * (right - left), 2 * half * along * factor
     x, y = side[0] + (across - width) / 2, over + (max(size[1] - over - under, LOWEST) - tall) / 2
     panel = Panel((x, y, width, tall), Scale(left, right), Scale(-half, half), bare=True)

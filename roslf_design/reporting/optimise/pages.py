@@ -385,13 +385,12 @@ def _change(result: Result) -> Iterator[Figure]:
         return
     before = answer.problem.design
     drawn = {"before": before, "optimised" if answer.feasible else "least violating": after}
-    pictures, scales = [], []
-    for name, design in drawn.items():
-        picture = meridional(design, (PAGE, HIGH), key=False)
-        across, up = picture.mapping.per_px
-        scales.append(f"{name} {scale_words(across / up)}")
+    pictures = []
+    for (name, design), other in zip(drawn.items(), (after, before), strict=True):
+        picture = meridional(design, (PAGE, HIGH), key=False, like=other)
         mark = Text(PAGE - 8.0, 14.0, name, anchor="end", bold=True, halo=True)
         pictures.append(replace(picture, remarks=(*picture.remarks, mark)))
+    across, up = picture.mapping.per_px
     values = answer.variables() | answer.followers()
     was, camera = _before(answer, values), Camera.of(before)
     moved = []
@@ -401,7 +400,8 @@ def _change(result: Result) -> Iterator[Figure]:
             moved.append(f"{in_words(goal.label)} {goal.with_unit(old, 4)} → {reached}")
     lengths = {name: (number(was[name], 4), number(values[name], 4)) for name in values if name in was}
     moved += [f"{name} {old} → {new} mm" for name, (old, new) in lengths.items() if old != new]
-    caption = f"The camera, {', '.join(scales)}, and {ray_words(after)}. What changed: {'; '.join(moved)}."
+    caption = f"The camera before and after, {scale_words(across / up)}, and {ray_words(after)}. "
+    caption += f"What changed: {'; '.join(moved)}."
     of_camera = {one: float(np.ravel(one.values(camera))[0]) for one in answer.asked.constraints if one.field is None}
     missed = [
         f"{in_words(str(one))}: {number(was, 4)}"
