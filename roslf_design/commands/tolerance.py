@@ -17,6 +17,7 @@ from ..reporting.blocks import Block, Paragraph
 from ..reporting.printers import page_files
 from ..reporting.tolerance.pages import (
     LOOSER,
+    clearance_words,
     cost_words,
     depth_sentence,
     headline,
@@ -104,6 +105,8 @@ def tolerance(
     check_options(folder=output, title=f"Tolerances of {plan.question.design.name}")
     if misses := plan.nominal_misses():
         say(f"roslf: the nominal design itself misses {', '.join(misses)}: its builds will, too", error=True)
+    if tight := clearance_words(plan):
+        say(f"roslf: {tight} {LOOSER}", error=True)
     if plan.dear:
         builds = plan.trials + sum(builds_of_analyses(plan, description, grades))
         tell_cost(builds * _seconds_a_build(plan), f"{builds:,} builds are traced, their depth errors summed")

@@ -10,9 +10,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import tomli_w
 
 from roslf_design.commands.tolerance import summary
-from roslf_design.design import load, loads
+from roslf_design.design import load, loads, save
 from roslf_design.errors import InputError
 from roslf_design.reporting.blocks import Figure, Statements, Table
 from roslf_design.reporting.printers import render_tables
@@ -22,6 +23,7 @@ from roslf_design.reporting.tolerance.pages import (
     _tolerance_section,
     _yield_statement,
     blame,
+    clearance_words,
     interval_words,
     loose_words,
     ranking,
@@ -36,6 +38,7 @@ from roslf_design.tolerancing.result import WorstTrial, analyse, save_worst
 from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.study import make_plan, read_study, tolerance_plan
 from roslf_design.tolerancing.yields import Yield
+from tests.commands.test_cli import run
 
 
 @pytest.fixture(scope="module")
@@ -338,6 +341,29 @@ def test_tolerances_over_a_tenth_of_their_lengths_are_told():
     assert loose_words(tolerance_plan(data)[0]) == "Tolerances over a tenth of their lengths: d_2 = 2 mm ± 0.21 mm."
     data["perturb"][0]["tolerance"] = "0.19 mm"
     assert loose_words(tolerance_plan(data)[0]) == ""
+
+
+def test_clearances_that_a_tolerance_takes_over_half_of_are_told_before_and_after_a_run(tmp_path, capsys):
+    """A window .15 mm before the FAP, both of which may miss by .1 mm; from .3 mm on nothing is said."""
+    window = {"kind": "plate", "distance": 1.0, "thickness": 0.5, "material": "N-BK7", "diameter": 4.0}
+    goal = {"metric": "fill_factor", "min": 0.1}
+    misses = [{"place": place, "tolerance": "0.1 mm"} for place in ("d_3", "elements.0.distance")]
+    data = {"name": "gap", "design": "scope.toml", "trials": 64, "sobol_samples": 0, "goals": [goal], "perturb": misses}
+    for gap, tight in ((0.15, True), (0.3, False)):
+        scope = load("rigid-scope").replace({"elements": [window], "d_3": 1.0 - gap})
+        told = clearance_words(tolerance_plan(data, scope)[0])
+        assert bool(told) == tight
+        if tight:
+            assert told.startswith(
+                "Tolerances over half of what the design leaves: FAP and plate 1 collide once d_3 is off by 0.15 mm "
+                "(± 0.1 mm) or plate 1 distance is off by 0.15 mm (± 0.1 mm)."
+            )
+            assert told in loose_words(tolerance_plan(data, scope)[0])
+            save(scope, tmp_path / "scope.toml")
+            (tmp_path / "study.toml").write_text(tomli_w.dumps(data))
+            code, _, err = run(capsys, "tolerance", tmp_path / "study.toml", "-o", tmp_path / "out")
+            assert code == 0
+            assert f"roslf: {told} A grade knows no sizes" in err
 
 
 def analysed(data, required=(), budgets=False):

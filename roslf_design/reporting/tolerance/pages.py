@@ -24,6 +24,7 @@ from ...theory.field_of_view import focus_ahead
 from ...theory.quantities import QUANTITIES, in_words
 from ...theory.quantity import finite
 from ...tolerancing.budgets import Change, ToleranceBudget
+from ...tolerancing.clearances import tight_clearances
 from ...tolerancing.draws import Perturbation
 from ...tolerancing.metrics import DISTANT, METRICS
 from ...tolerancing.places import display, perturbable, short_name
@@ -52,7 +53,7 @@ EXACTLY = (
     "by captures alone `roslf calibrate --plan`."
 )
 """Words on errors that a study's calibration of each build has not."""
-MOST_FAULTS = 4
+MOST_FAULTS, MOST_WAYS = 4, 2
 """Reasons why builds cannot be put together that a sentence names."""
 FOCUS = {"microlens_array.distance": "focus the array", "sensor.distance": "focus the sensor behind the array"}
 """Adjustments by what a lens maker calls them."""
@@ -208,7 +209,7 @@ def impossible_words(variant: Variant) -> str:
 
 
 def loose_words(plan: TolerancePlan) -> str:
-    """Lengths whose tolerances are a large part of them, the loosest first; empty where there are none."""
+    """Lengths and clearances of which tolerances take a large part; empty where there are none."""
     design = plan.question.design
     kinds = perturbable(design)
     shares = {
@@ -222,7 +223,31 @@ def loose_words(plan: TolerancePlan) -> str:
         for p in loose[:MOST_FAULTS]
     ]
     told += [f"{len(loose) - MOST_FAULTS} more"] if len(loose) > MOST_FAULTS else []
-    return f"Tolerances over a tenth of their lengths: {', '.join(told)}." if told else ""
+    sentences = [f"Tolerances over a tenth of their lengths: {', '.join(told)}."] if told else []
+    return " ".join([*sentences, *filter(None, [clearance_words(plan)])])
+
+
+def clearance_words(plan: TolerancePlan) -> str:
+    """Clearances, told by the faults beyond them, of which single tolerances take over half; empty for none."""
+    design, kinds = plan.question.design, perturbable(plan.question.design)
+    tight = tight_clearances(plan)
+    told = []
+    for fault, reached in tight[:MOST_FAULTS]:
+        nearest = sorted(reached, key=lambda pair: pair[1] / pair[0].tolerance)
+        ways = [
+            f"{short_name(one.place, design)} is off by {display(reach, kinds[one.place])} "
+            f"(± {display(one.tolerance, kinds[one.place])})"
+            for one, reach in nearest[:MOST_WAYS]
+        ]
+        more = f" or {len(nearest) - MOST_WAYS} more are" if len(nearest) > MOST_WAYS else ""
+        told.append(f"{fault} once {' or '.join(ways)}{more}")
+    told += [f"{len(tight) - MOST_FAULTS} more"] if len(tight) > MOST_FAULTS else []
+    if not told:
+        return ""
+    return (
+        f"Tolerances over half of what the design leaves: {'; '.join(told)}. Such builds cannot be put together and "
+        "count as failed: tighten these, or leave more."
+    )
 
 
 def _yield_statement(result: StudyResult, name: str = "", first_look: bool = False) -> Statement:
