@@ -7,7 +7,8 @@
 - Designs: `load`, `loads`, `save`, `dumps`, `preset_names`, `Design.replace`.
 - What one sees: `evaluate`, `specification`; of many: `evaluate_many`, `sweep`, `Camera` with `quantity`.
 - Studies: `optimize`, `tolerance`. Pictures: `render` of a `Scene`, `decode`, `measure_depth`, `capture_depth`.
-- The built camera: `calibrate`, `bench_check`, `bench_report`. To hand on: `report`, `render_html`, `render_pdf`.
+- The built camera: `calibrate`, `bench_check`, `bench_report`. To hand on: `datasheet`, `report`,
+  `render_html`, `render_pdf`.
 
 What is wrong with an input is an `InputError`, of a design a `DesignError`; both are `ValueError`.
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
         bench_report,
         calibrate,
         capture_depth,
+        datasheet,
         decode,
         measure_depth,
         optimize,
@@ -66,6 +68,7 @@ __all__ = [
     "bench_report",
     "calibrate",
     "capture_depth",
+    "datasheet",
     "decode",
     "dumps",
     "evaluate",
@@ -94,6 +97,7 @@ __getattr__, __dir__, _ = lazy.attach(
             "bench_report",
             "calibrate",
             "capture_depth",
+            "datasheet",
             "decode",
             "measure_depth",
             "optimize",

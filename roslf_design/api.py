@@ -6,7 +6,7 @@ Each takes a design, the name of a preset or the path of a file, prints nothing 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,7 +17,7 @@ from .bench.acceptance import PLACED, RESULT, Acceptance, accepted, built_length
 from .bench.captures import read_bench
 from .bench.check import BenchCheck, checked
 from .calibration import Outcome
-from .calibration.options import CalibrateOptions
+from .calibration.options import CalibrateOptions, PlanOptions
 from .calibration.outcome import calibrated
 from .calibration.written import FILE, calibration_files
 from .depth.captured import MeasuredCapture
@@ -32,6 +32,8 @@ from .imaging.render import RawImage
 from .imaging.render import render as render_image
 from .optimization.study import Result, load_study
 from .optimization.study import run as run_study
+from .options import Distance, check_distances, check_seed
+from .progress import silent
 from .reporting.blocks import Code, Report
 from .reporting.calibrate.pages import calibration_pictures, calibration_report
 from .reporting.decode.pages import decoding_pictures, decoding_report
@@ -39,6 +41,8 @@ from .reporting.depth.captured import capture_report
 from .reporting.depth.pages import depth_report, measurement_pictures
 from .reporting.design.pages import design_report
 from .reporting.optimise.pages import optimization_report
+from .reporting.sheet.lines import NONE, datasheet_report
+from .reporting.story import datasheet_of, sheet_of
 from .reporting.tolerance.pages import tolerance_report
 from .scenes import Scene, load_scene
 from .theory.limits import as_design
@@ -52,6 +56,8 @@ from .tolerancing.tally import merged
 STUDY = 'a study file, which names its design: design = "mine.toml"'
 PICTURES = "a raw image, or of decoded views"
 CAPTURES = "a folder of captures"
+PLANNED = "planned"
+"""Calibration that is no folder: the one that is planned."""
 BENCH = "a folder that `roslf bench` wrote"
 
 
@@ -410,6 +416,58 @@ def report(subject: Design | str | Path | Trial | MeasuredCapture | Decoded | Ou
         replace(part, blocks=tuple(b for b in part.blocks if b != Code("", "Run again"))) for part in page.sections
     )
     return replace(page, sections=tuple(part for part in parts if part.blocks))
+
+
+def datasheet(
+    design: Design | str | Path,
+    at: Distance | Sequence[Distance] = (),
+    *,
+    calibration: str | Path | None = None,
+    seed: int | None = None,
+    revision: str = "",
+) -> Report:
+    """The page an engineer signs, as `roslf datasheet` writes it; `render_pdf` and `render_html` print it.
+
+    Parameters
+    ----------
+    design : Design, str or Path
+        The name of a preset or a file as well: of a design, of a study (of `tolerance`, whose builds give each line its
+        tolerance, or of `optimize`, whose optimum it is) or of a story.
+    at : float or str, or several
+        Distances ahead of the bore's tip that get lines of their own [mm].
+    calibration : str or Path, optional
+        Folder that `roslf calibrate` wrote, or "planned".
+    seed : int, optional
+        Instead of a study's.
+    revision : str
+        Of the sheet, as "B".
+
+    Returns
+    -------
+    Report
+        `specification` has the same numbers as values.
+
+    Raises
+    ------
+    InputError
+        What cannot be read; a study that finds no design; a calibration of another design.
+
+    Examples
+    --------
+    >>> import roslf_design as roslf
+    >>> sheet = roslf.datasheet("paper", at="300 mm", revision="B")  # doctest: +SKIP
+    >>> _ = open("paper.pdf", "wb").write(roslf.render_pdf(sheet))  # doctest: +SKIP
+    """
+    distances = check_distances(at)
+    known: Path | PlanOptions | None = None if calibration is None else Path(calibration)
+    if calibration == PLANNED:
+        known = PlanOptions(seed=check_seed(seed or 0), at=distances)
+    if isinstance(design, Design):
+        grounds = sheet_of(design, known, distances)
+    else:
+        expect(design, "design", (str, os.PathLike), "a Design, the name of a preset or the path of a file")
+        grounds = datasheet_of(Path(design), seed, silent, known, distances)
+    return datasheet_report(grounds, revision or NONE)
 
 
 def _drawings(pictures: Mapping[str, Picture]) -> dict[str, str]:

@@ -15,7 +15,7 @@ import roslf_design as roslf
 
 FUNCTIONS = (
     *("calibrate", "decode", "evaluate", "evaluate_many", "load", "optimize", "quantity", "render", "report"),
-    *("bench_check", "bench_report", "tolerance"),
+    *("bench_check", "bench_report", "datasheet", "tolerance"),
 )
 
 
@@ -53,6 +53,7 @@ def test_a_sweep_is_a_camera_with_an_array():
 KINDS = {
     "tolerance": (roslf.tolerance, "study: takes the path of a study file, which names its design"),
     "optimize": (roslf.optimize, "study: takes the path of a study file"),
+    "datasheet": (roslf.datasheet, "design: takes a Design, the name of a preset or the path of a file"),
     "calibrate": (lambda x: roslf.calibrate(x, "paper", "4x5 6 mm"), "folder: takes the path of a folder of captures"),
     "capture_depth": (roslf.capture_depth, "image: takes the path of a raw image"),
     "decode": (roslf.decode, "image: takes the path of a raw image"),
@@ -159,6 +160,11 @@ BAD = (
     'capture_depth("captures", sigma={"aperture.diameter": "1%"})',
     'capture_depth("captures/white.tif", design="paper")',
     'capture_depth("captures/white.tif", white="captures/white.tif", design="paper")',
+    'datasheet("nothing")',
+    'datasheet("paper", at="x")',
+    'datasheet("paper", calibration="nowhere")',
+    'datasheet("paper", calibration="planned", seed=-1)',
+    'datasheet("study.toml", seed=-1)',
     'decode("nope.tif")',
     'decode("nope.tif", "white.tif")',
     'decode("nope.tif", design="paper", calibration="nowhere")',
@@ -252,6 +258,20 @@ def test_a_report_is_made_of_a_design_and_of_a_result_and_shows_itself(tmp_path)
     assert "<script" not in shown
     with pytest.raises(ValueError, match=f"no figure 'nothing'; there are {names[0]}"):
         report.figure("nothing")
+
+
+def test_a_data_sheet_is_that_of_the_command(tmp_path):
+    """Of a design as a value, of its file and of a study: the page that `roslf datasheet` writes, but for the date."""
+    design = roslf.load("rigid-scope")
+    roslf.save(design, tmp_path / "scope.toml")
+    (tmp_path / "study.toml").write_text(STUDY)
+    for subject, file in ((design, "scope.toml"), (tmp_path / "study.toml", "study.toml")):
+        page = roslf.render_html(roslf.datasheet(subject, ["20 mm"], revision="B"))
+        command = ["datasheet", file, "--at", "20mm", "--revision", "B", "-o", "sheet.html"]
+        done = subprocess.run([sys.executable, "-m", "roslf_design", *command], cwd=tmp_path)
+        assert done.returncode == 0
+        assert (tmp_path / "sheet.html").read_text() == page
+        (tmp_path / "sheet.html").unlink()
 
 
 def test_a_distance_is_one_number_or_several():

@@ -192,7 +192,8 @@ def contours(
     made = contour_generator(x, y, np.ma.masked_invalid(np.asarray(values, float)), name="serial")
     sides = np.array([[np.min(x), np.min(y)], [np.max(x), np.max(y)]], float)
     middle, spans = sides.mean(axis=0), np.where(np.ptp(sides, axis=0) > 0, np.ptp(sides, axis=0), 1.0)
-    taken = [(*((np.array(place) - middle) / spans * size), LABEL_TALL / 2) for place in kept]
+    px = np.array(size)
+    taken = [(*map(float, (np.array(place) - middle) / spans * px), LABEL_TALL / 2) for place in kept]
     marks: list[Line | Text] = []
     for level, text, (colour, width, dash) in levels:
         runs = [np.asarray(run) for run in made.lines(level)]
@@ -203,15 +204,15 @@ def contours(
         if not (np.ptp(longest, axis=0) > LABELLED * spans).any():
             continue
         half = text_width(text, SMALL) / 2 + 5
-        shares = (_close_points(longest, spans / np.array(size)) - middle) / spans
+        shares = (_close_points(longest, spans / px) - middle) / spans
         for share in shares[np.argsort(np.hypot(*shares.T), kind="stable")]:
-            across, up = share * size
+            across, up = map(float, share * px)
             inside = float(np.clip(across, half - size[0] / 2, size[0] / 2 - half))
             free = all(abs(inside - a) > half + wide or abs(up - b) > LABEL_TALL for a, b, wide in taken)
             if abs(share[1]) < INSIDE and free:
                 taken.append((inside, up, half))
-                at = middle + share * spans
-                marks.append(Text(*map(float, at), text, anchor="middle", dx=inside - across, dy=4.0, plate=True))
+                x_at, y_at = map(float, middle + share * spans)
+                marks.append(Text(x_at, y_at, text, anchor="middle", dx=inside - across, dy=4.0, plate=True))
                 break
     return marks
 

@@ -236,10 +236,10 @@ def _temperatures(design: Design, camera: Camera) -> Temperatures | None:
         f, d_1, d_f = (float(warm[PATHS[symbol]]) for symbol in ("f", "d_1", "d_f"))
         fill = float(QUANTITIES["fill_factor"](warm))
         rows.append(AtTemperature(degrees, f, d_1, d_f, shift if fits else None, fill, fits))
-    housing = "" if environment.housing is None else environment.housing.name
+    housing, grade = ("", "") if environment.housing is None else (environment.housing.name, environment.housing.grade)
     away = any(row.temperature_degc != ROOM for row in rows)
     unknown = not_known(design) if away else ()
-    named = housing, environment.expansion, tuple(rows), unknown, not_named(design)
+    named = housing, environment.expansion, tuple(rows), unknown, not_named(design), grade
     return Temperatures(float(environment.temperature), *named)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..camera import Camera
+from ..lenses.solid import Solid
 from ..theory.quantities import QUANTITIES
 from ..words import decimals, fixed, length, number, place
 
@@ -437,10 +438,12 @@ class Temperatures:
     """Materials whose index is taken not to change."""
     not_named: tuple[str, ...]
     """Parts that do not change, because nothing says what they are made of."""
+    housing_grade: str = ""
+    """Grade that the housing's name, which stands for several, is taken for; empty where it names one."""
 
     @property
     def held(self) -> str:
         """Housing in words."""
         if not self.housing:
             return "rigid housing"
-        return f"housing of {self.housing}, {1e6 * self.expansion_per_k:.3g}e-6 /K"
+        return f"housing of {Solid(self.housing, self.expansion_per_k, grade=self.housing_grade).words}"

@@ -20,6 +20,14 @@ class Solid:
     expansion: float
     """Linear [1/K]."""
     source: str = ""
+    grade: str = ""
+    """Grade that the name, which stands for several, is taken for."""
+
+    @property
+    def words(self) -> str:
+        """Its name, the grade that it is taken for, and how it grows."""
+        taken = f", taken as {self.grade}" if self.grade else ""
+        return f"{self.name}{taken}, {1e6 * self.expansion:.3g}e-6 /K"
 
 
 @cache
@@ -28,7 +36,7 @@ def opaque_solids() -> Mapping[str, Solid]:
     known: dict[str, Solid] = {}
     data = tomllib.loads(Path(__file__).with_name("solids.toml").read_text("utf-8"))
     for name, table in data["solids"].items():
-        solid = Solid(name, table["cte"], data["sources"][table["source"]])
+        solid = Solid(name, table["cte"], data["sources"][table["source"]], table.get("grade", ""))
         known |= {spelling.lower(): solid for spelling in (name, *table.get("also", ()))}
     return known
 

@@ -449,10 +449,7 @@ def datasheet_of(
             raise refusal("calibration", f"goes with a design or a study; {remedy} in the story")
         return _basis_of(story, list(_walked(story, seed, progress, at, _builds_alone)), at)
     if kind == "design":
-        design = as_design(str(path))
-        known = None if calibration is None else _known(calibration, design)
-        looked = _looked(design, calibration)
-        return basis(design if known is None else known.design, None, known, at, looked)
+        return sheet_of(as_design(str(path)), calibration, at)
     data, origin = read_toml(path, str(path)), str(path)
     if kind == "tolerance":
         design = tolerance_plan(data, None, path.parent, origin)[0].question.design
@@ -465,6 +462,12 @@ def datasheet_of(
         raise InputError((Problem("", _nothing(result, "best")),), origin)
     known = None if calibration is None else _known(calibration, best)
     return basis(best, None, known, at, _looked(best, calibration))
+
+
+def sheet_of(design: Design, calibration: Path | PlanOptions | None = None, at: Sequence[float] = ()) -> SpreadSources:
+    """A single design's data sheet; the rest as for `datasheet_of`."""
+    known = None if calibration is None else _known(calibration, design)
+    return basis(design if known is None else known.design, None, known, at, _looked(design, calibration))
 
 
 def _basis_of(story: _Story, parts: Sequence[_Walked], at: Sequence[float] = ()) -> SpreadSources:

@@ -7,12 +7,14 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._arrays import Array
 from .draws import Perturbation
 from .metrics import faults_of
 from .study import TolerancePlan
 
+Flags = NDArray[np.bool_]
 HALF = 0.5
 """Share of a clearance above which a single tolerance is told: two parts that miss by it towards each other meet."""
 STEPS = 2.0 ** np.arange(-3, 2)
@@ -45,7 +47,7 @@ def _first_faults(plan: TolerancePlan) -> Iterator[tuple[Perturbation, str, floa
     ways = list(product(moved, (-1.0, 1.0)))
     if not ways:
         return
-    met = np.array([list(_faults(plan, ways, step).values()) for step in STEPS])  # (steps, faults, ways)
+    met = np.array([_faults(plan, ways, float(step)) for step in STEPS])  # (steps, faults, ways)
     wrong = [(f, w) for f, w in np.argwhere(met.any(axis=0)).tolist()]
     if not wrong:
         return
@@ -55,19 +57,19 @@ def _first_faults(plan: TolerancePlan) -> Iterator[tuple[Perturbation, str, floa
     low = np.where(first > 0, STEPS[first - 1], 0.0)
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        hit = np.array(list(_faults(plan, which, middle).values()))[own]
+        hit = _faults(plan, which, middle)[own]
         low, high = np.where(hit, low, middle), np.where(hit, middle, high)
     for (f, _), (one, _), share in zip(wrong, which, high.tolist(), strict=True):
         if share < 1 / HALF:
             yield one, plan.faults[f], share * one.tolerance
 
 
-def _faults(plan: TolerancePlan, ways: list[tuple[Perturbation, float]], share: Array | float) -> dict[str, Array]:
-    """Faults of builds that miss a single number each, by a share of its tolerance, as `faults_of` tells them."""
+def _faults(plan: TolerancePlan, ways: list[tuple[Perturbation, float]], share: Array | float) -> Flags:
+    """Faults, shape (faults, ways), of builds that miss a single number each, by a share of its tolerance."""
     shares = np.broadcast_to(share, len(ways))
     values = {
         one.place: np.full(len(ways), one.nominal) for one in dict.fromkeys(perturbation for perturbation, _ in ways)
     }
     for k, ((one, sign), part) in enumerate(zip(ways, shares, strict=True)):
         values[one.place][k] += sign * part * one.tolerance
-    return faults_of(plan.question, values, len(ways))
+    return np.array(list(faults_of(plan.question, values, len(ways)).values()))

@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 
 from roslf_design.cli import main
+from roslf_design.design import load
 from roslf_design.errors import InputError
+from roslf_design.evaluation import evaluate
 from roslf_design.lenses.glass import AIR, catalogue, find_glass, read_glass
 from roslf_design.lenses.glass_files import _load_glass
 from roslf_design.lenses.solid import find_solid
+from roslf_design.reporting.design.figures import at_room
 
 DATA = tomllib.loads(files("roslf_design.lenses").joinpath("glasses.toml").read_text())
 D_LINE, F_LINE, C_LINE = 587.5618e-6, 486.1327e-6, 656.2725e-6
@@ -208,3 +211,17 @@ def test_a_page_without_coefficients_is_told(tmp_path):
         )
         with pytest.raises(InputError, match=said):
             _load_glass(page, "")
+
+
+def test_a_housing_s_general_name_is_told_with_the_grade_that_it_is_taken_for():
+    """Grades differ: 304 grows by 17.2, 316 by 15.9e-6 /K; a name that says its grade has none to add."""
+    told = {name: find_solid(name).words for name in ("steel", "steel 316", "aluminum", "invar")}
+    assert told == {
+        "steel": "stainless steel, taken as 304, 17.2e-6 /K",
+        "steel 316": "steel 316, 15.9e-6 /K",
+        "aluminum": "aluminium, taken as 6061, 23.6e-6 /K",
+        "invar": "invar, 1.6e-6 /K",
+    }
+    scope = load("paper").replace({"environment": {"temperature": 37.0, "housing": "steel"}})
+    assert evaluate(scope).temperature.held == f"housing of {told['steel']}"
+    assert f"in a housing of {told['steel']}." in at_room(scope)[1]

@@ -15,7 +15,8 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.catalogue import load_catalogue, rows
 from roslf_design.cli import main
-from roslf_design.design import save
+from roslf_design.design import dumps, save
+from roslf_design.design.files import WRITTEN
 from roslf_design.optimization.conflict import Conflict, _Violation
 from roslf_design.optimization.study import load_study, read_study
 from roslf_design.optimization.study import run as run_study
@@ -24,6 +25,7 @@ from roslf_design.reporting.optimise.pages import _before, optimization_report, 
 from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.focused import LIMIT, has_views, pupil_blur_ratio
 from roslf_design.theory.length_covariance import LengthCovariance
+from roslf_design.units import parse_quantity
 from tests.optimization.posing import GOOD, PAPER
 
 FOLLOWS = "microlens_in_focus = true"
@@ -385,6 +387,24 @@ def test_a_page_shows_the_camera_before_and_after_and_what_a_yield_of_depth_leav
     (table,) = (block for block in section.blocks if isinstance(block, Table) and block.title == "The design")
     row = next(row for row in table.rows if row[0] == "D_F")
     assert row[table.headings.index("before")] == f"{PAPER.D_F:.5g}"
+
+
+@pytest.mark.parametrize("environment", [None, {"temperature": 45.0, "housing": "aluminium"}])
+def test_lengths_at_the_use_s_temperature_and_in_the_file_are_told_where_they_differ_in_print(tmp_path, environment):
+    base = PAPER if environment is None else PAPER.replace({"environment": environment})
+    result = run_study(read_study(tomllib.loads(GOOD), design=base))
+    (section,) = optimization_report(result, "").sections
+    (table,) = (block for block in section.blocks if isinstance(block, Table) and block.title == "The design")
+    assert ("in the file" in table.headings) == bool(environment) == bool(table.caption)
+    if environment is None:
+        return
+    assert table.caption.startswith("Values and bounds are those at 45 °C")
+    files = dict(result.designs())
+    written = tomllib.loads(dumps(files["best.toml"], WRITTEN))
+    told = {row[0]: row[table.headings.index("in the file")] for row in table.rows}
+    assert told["D_F"] == f"{parse_quantity(written['aperture']['diameter'], 'length'):.5g}"
+    found = {row[0]: row[table.headings.index("value")] for row in table.rows}
+    assert found["D_F"] == f"{files['best.toml'].D_F:.5g}" != told["D_F"]
 
 
 def test_a_length_of_zero_needs_no_unit():

@@ -276,8 +276,9 @@ def at_room(design: Design) -> tuple[Design, str]:
     used, drawn = design.environment, design.at_room
     if used is None or used.temperature == ROOM:
         return design, ""
-    known = f" Lengths at {ROOM:g} °C; the camera is used at {used.temperature:g} °C."
-    return drawn, known if drawn is not design else f" Lengths at {used.temperature:g} °C."
+    known = f" Lengths at {ROOM:g} °C; the camera is used at {used.temperature:g} °C"
+    known = known if drawn is not design else f" Lengths at {used.temperature:g} °C"
+    return drawn, f"{known}, in a {'rigid housing' if used.housing is None else f'housing of {used.housing.words}'}."
 
 
 SHEETS: dict[str, Callable[[Design, Evaluation], Figure]] = {

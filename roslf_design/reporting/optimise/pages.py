@@ -15,6 +15,7 @@ from ...drawing.marks import Text
 from ...drawing.picture import PAGE, Picture, beside
 from ...evaluation.required import missed_words
 from ...evaluation.verdicts import buildable
+from ...lenses.glass import ROOM
 from ...optimization.front import Front
 from ...optimization.goals import Constraint, Goal
 from ...optimization.ranking import Ranking
@@ -428,18 +429,19 @@ def _tables(result: Result) -> Iterator[Table]:
     def called(name: str) -> str:
         return f"{name}, {others[name]}" if name in others else name
 
-    before = _before(answer, values)
+    before, (filed, caption) = _before(answer, values), _as_filed(result)
     columns: tuple[Column, ...] = (
         ("variable", "l", called),
         ("before", "d", lambda name: f"{before[name]:.5g}" if name in before else ""),
         ("from", "d", lambda name: "" if name in others else f"{problem.variables[name].min:.5g}"),
         ("value", "d", lambda name: f"{values[name]:.5g}"),
         ("to", "d", lambda name: "" if name in others else f"{problem.variables[name].max:.5g}"),
+        *((("in the file", "d", lambda name: f"{filed[name]:.5g}" if name in filed else ""),) if filed else ()),
         ("unit", "l", lambda name: "" if name in NUMBERS else "mm"),
         ("robust", "d", lambda name: f"{moved[name]:.5g}"),
     )
     title = "The design" if answer.feasible else "The least-violating point"
-    yield Table.of(values, columns if moved else columns[:-1], title)
+    yield Table.of(values, columns if moved else columns[:-1], title, caption)
     yield _held(answer)
     if answer.active:
         single = len(answer.problem.goals) == 1
@@ -474,9 +476,26 @@ def _tables(result: Result) -> Iterator[Table]:
         )
         yield Table.of(answer.conflict.relaxations, columns, "What stands in the way")
     if result.ranking is not None and result.ranking.best:
-        yield _parts(result.ranking)
+        yield replace(_parts(result.ranking), caption=caption)
     if result.ranking is not None and result.ranking.left_out:
         yield _left_out(result.ranking)
+
+
+def _as_filed(result: Result) -> tuple[dict[str, float], str]:
+    """Lengths of the first design as its file has them, and words on that, where any is printed otherwise."""
+    answer, design = result.answer, next((design for _, design in result.designs()), None)
+    if design is None or (environment := design.environment) is None:
+        return {}, ""
+    values = answer.variables() | answer.held() | answer.followers()
+    cold = Camera.of(design).cold
+    places = {name: PATHS.get(name, name) for name in values}
+    filed = {name: float(cold[place]) for name, place in places.items() if place in cold.numbers}
+    if all(f"{filed[name]:.5g}" == f"{values[name]:.5g}" for name in filed):
+        return {}, ""
+    return filed, (
+        f"Values and bounds are those at {environment.temperature:g} °C, where the camera is used; files have lengths "
+        f"as they are at {ROOM:g} °C, where parts are made and measured."
+    )
 
 
 def _held(answer: Answer) -> Table:
