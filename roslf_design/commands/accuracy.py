@@ -38,6 +38,7 @@ from .terminal import (
     say,
     spelled,
     typed,
+    write_file,
     write_files,
 )
 
@@ -192,7 +193,8 @@ def calibrate(
     promises = study("promises")
     with StatusLine("accuracy") as progress:
         table = promises.calibrate(loaded, seed=seed, progress=progress.tell)
-    write_files(path.parent, {path.name: table.to_json().encode()})
+    content = table.to_json().encode()
+    write_files(path.parent, {path.name: content}) if output is None else write_file(path, content)
     say(path)
 
 

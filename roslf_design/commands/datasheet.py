@@ -32,7 +32,7 @@ from .terminal import (
     read_distances,
     say,
     status_and_bars,
-    write_files,
+    write_file,
 )
 
 PLANNED = Path("planned")
@@ -96,7 +96,7 @@ def datasheet(
         content = _written(grounds, kind, paper, revision, date)
     if revision != NONE and target.exists() and target.read_bytes() != content:
         raise refusal("output", f"{target} is there; a sheet with a revision is not written over; {OTHER_PLACE}")
-    write_files(target.parent, {target.name: content})
+    write_file(target, content)
     say(target)
 
 

@@ -30,7 +30,7 @@ from .terminal import (
     json_text,
     read_distances,
     say,
-    write_files,
+    write_file,
 )
 
 
@@ -111,7 +111,7 @@ def evaluate(
             return ending
         as_table = output.suffix.lower() == ".csv"
         content = csv_bytes([("key", "value"), *rows(data)]) if as_table else f"{json_text(data)}\n".encode()
-        write_files(output.parent, {output.name: content})
+        write_file(output, content)
         say(output)
         return ending
     from rich.console import Console

@@ -15,7 +15,7 @@ from ..lenses.lens_file import load_lens, shipped_names
 from ..lenses.prescription import Prescription
 from ..theory.limits import as_design
 from ..theory.quantities import QUANTITIES
-from .terminal import Output, check_target, say, write_files
+from .terminal import Output, check_target, say, write_file
 
 WRITERS = (".zmx", ".json")
 
@@ -34,7 +34,7 @@ def export(name: str, /, *, output: Output) -> None:
     subject = _of_lens(load_lens(name)) if _is_lens(name) else _of_camera(as_design(name))
     rows, title, wavelength, warmth, wide, straightened = subject
     text = zmx(rows, title, wavelength, warmth, wide) if kind == ".zmx" else optiland(rows, title, wavelength, wide)
-    write_files(output.parent, {output.name: text.encode()})
+    write_file(output, text.encode())
     say(f"{output}: {len(rows)} surfaces")
     if straightened:
         print("Misalignments are left out.")

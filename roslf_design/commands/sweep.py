@@ -23,7 +23,7 @@ from ..theory.limits import as_design, limits
 from ..toml_files import nearest
 from ..units import read_quantity
 from .report import folder_name
-from .terminal import DesignName, OptionalOutput, bar, check_target, read_distances, say, write_files
+from .terminal import DesignName, OptionalOutput, bar, check_target, read_distances, say, write_file
 
 if TYPE_CHECKING:
     from ..evaluation.sweep import Sweep
@@ -98,7 +98,7 @@ def sweep(
     notes = list(_notes(swept, loaded))
     if not swept.valid.any():
         raise refusal("set", f"nothing between can be drawn: {'; '.join(notes)}")
-    write_files(target.parent, {target.name: _written(swept, kind, loaded, notes)})
+    write_file(target, _written(swept, kind, loaded, notes))
     say(target)
     for note in notes:
         say(f"roslf: {one_line(note)}", error=True)

@@ -235,6 +235,32 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
     return [folder / name for name in files]
 
 
+def write_file(target: Path, content: bytes) -> None:
+    """A file that a command makes alone: over an earlier one alike, which is said, never over anything else.
+
+    Raises
+    ------
+    InputError
+        A page as `write_files` refuses it; a file that is no earlier one, by how it begins.
+    """
+    held = target.read_bytes() if target.is_file() else content
+    if held and _beginning(held, target.suffix.lower()) != _beginning(content, target.suffix.lower()):
+        check_owner(target, None, "")
+    write_files(target.parent, {target.name: content})
+    say(*([] if held in (content, b"") else [f"roslf: {target} was there and is written over"]), error=True)
+
+
+def _beginning(content: bytes, kind: str) -> Any:
+    """What earlier and later files of a command have in common: a table's headings, JSON's schema and design."""
+    if kind == ".csv":
+        return content.splitlines()[:1]
+    if kind == ".json":
+        with suppress(ValueError, AttributeError):
+            data = json.loads(content)
+            return data.get("schema"), data.get("design")
+    return content[:4]
+
+
 def _page_title(content: bytes) -> str | None:
     """Title of a page, HTML or PDF; None where it has none, or nothing reads it."""
     if not content.startswith(b"%PDF"):

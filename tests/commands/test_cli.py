@@ -231,3 +231,35 @@ def test_evaluate_shows_the_distances_that_are_required_and_fields_by_name(tmp_p
     assert [one["at_mm"] for one in told["answer"]["at"]][1:] == [240.0]
     centre, _, corner = evaluate(asked).fields
     assert [tuple(one["x_ml_mm"]) for one in told["fields"]] == [corner.x_ml_mm, centre.x_ml_mm]
+
+
+SWEPT = ("--set", "d_3=1..9 mm")
+
+
+@pytest.mark.parametrize(
+    ("command", "name", "other"),
+    [
+        (("evaluate", "paper"), "all.json", ("--at", "200mm")),
+        (("evaluate", "paper"), "all.csv", ("--at", "200mm")),
+        (("sweep", "paper", "--quantity", "fill_factor", *SWEPT), "s.csv", ("--points", "4")),
+        (("sweep", "paper", "--quantity", "fill_factor", *SWEPT), "s.png", ("--quantity", "sigma_z_mm")),
+        (("export", "paper"), "paper.zmx", ()),
+        (("datasheet", "paper"), "sheet.csv", ("--at", "200mm")),
+        (("datasheet", "paper"), "sheet.json", ("--at", "200mm")),
+        (("datasheet", "paper"), "sheet.html", ("--at", "200mm")),
+    ],
+)
+def test_a_file_is_written_over_its_earlier_self_alone_and_says_so(capsys, tmp_path, command, name, other):
+    place = tmp_path / name
+    place.write_text("notes of mine, which nothing else holds")
+    code, _, err = run(capsys, *command, "-o", place)
+    assert (code, err) == (2, f"roslf: -o: {place} is of something else; delete it or choose another place\n")
+    assert place.read_text() == "notes of mine, which nothing else holds"
+    place.unlink()
+    said = f"roslf: {place} was there and is written over"
+    assert said not in run(capsys, *command, "-o", place)[2]
+    first = place.read_bytes()
+    assert said not in run(capsys, *command, "-o", place)[2]  # the same bytes
+    assert place.read_bytes() == first
+    code, _, err = run(capsys, *command, *other, "-o", place)
+    assert (code, said in err, place.read_bytes() != first) == (0, bool(other), bool(other))

@@ -11,6 +11,7 @@ from ...depth.measure import REASONS, Measurement, Summary, Trial
 from ...design import Design
 from ...drawing.picture import Picture
 from ...theory.colours import filters
+from ...theory.depth_budget import MISMATCH, WARMTH, depth_budget
 from ...theory.quantities import QUANTITIES
 from ...words import length, listed, number, percent
 from ..blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table, Tone
@@ -325,7 +326,20 @@ def _beside_evaluate(design: Design, texture: Design) -> str:
         f"roslf evaluate's bound, {bound} mm in the middle of the focal plane, is for the design's texture. For this "
         f"scene's, with no detail finer than {length(finest)} ({number(finest / sample, 3)} microlenses "
         f"there) and {number(float(seen['depth.contrast']), 3)} rms contrast against this part's brightness, it is "
-        f"{here} mm; what is left between that and the error predicted comes of other distances and fields."
+        f"{here} mm; what is left between that and the error predicted comes of other distances and fields. "
+        f"{_beside_expected(own)}"
+    )
+
+
+def _beside_expected(camera: Camera) -> str:
+    """What depth, expected, of a camera counts that simulated exposures do not have."""
+    budget = depth_budget(camera)
+    others = [term.name for term in budget.terms if term.name in (MISMATCH, WARMTH) and (term.u_mm or 0.0) > 0]
+    if not (others and math.isfinite(budget.u_z_mm)):
+        return ""
+    return (
+        f"Depth, expected, there (u = {number(float(budget.u_z_mm), 3)} mm) counts {listed(others)} beside that bound, "
+        "which these exposures do not have: what they scatter by is noise, in this scene's texture."
     )
 
 

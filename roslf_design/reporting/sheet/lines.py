@@ -344,7 +344,12 @@ def _lines(
     if sheet.colours:
         yield from _colour_lines(design, sheet.colours)
     yield from _whole_camera("Body", camera, {})
-    parts = ", ".join(f"{part.name} of {number(part.diameter_mm, 4)} mm" for part in sheet.parts)
+    clear = float(camera.cold.D)  # of a lens whose mount is wider
+    parts = ", ".join(
+        f"{part.name} of {number(part.diameter_mm, 4)} mm"
+        + f" (D = {number(clear, 4)} mm clear)" * (part.name == "main lens" and clear < 0.999 * part.diameter_mm)
+        for part in sheet.parts
+    )
     yield _SheetLine("Body", PARTS, None, "", parts, text=str(len(sheet.parts)))
 
 
