@@ -251,7 +251,7 @@ def write_file(target: Path, content: bytes) -> None:
 
 
 def _beginning(content: bytes, kind: str) -> Any:
-    """What earlier and later files of a command have in common: a table's headings, JSON's schema and design."""
+    """Beginning that earlier and later files of a command share: a table's headings, JSON's schema and design."""
     if kind == ".csv":
         return content.splitlines()[:1]
     if kind == ".json":

@@ -22,7 +22,7 @@ STEPS = 2.0 ** np.arange(-3, 2)
 HALVINGS = 24
 
 
-class TightClearance(NamedTuple):
+class _TightClearance(NamedTuple):
     """A fault that a tolerance alone brings half way or nearer."""
 
     fault: str
@@ -31,14 +31,14 @@ class TightClearance(NamedTuple):
     """Each such tolerance with how far its number alone may be off before it [mm, rad, or none]."""
 
 
-def tight_clearances(plan: TolerancePlan) -> tuple[TightClearance, ...]:
+def tight_clearances(plan: TolerancePlan) -> tuple[_TightClearance, ...]:
     """Clearances of a study's nominal design that are less than twice a tolerance, in the order of a build's faults."""
     found: dict[str, dict[str, tuple[Perturbation, float]]] = {}
     for one, fault, reach in _first_faults(plan):
         least = found.setdefault(fault, {}).get(one.place)
         if least is None or reach < least[1]:
             found[fault][one.place] = one, reach
-    return tuple(TightClearance(fault, tuple(found[fault].values())) for fault in plan.faults if fault in found)
+    return tuple(_TightClearance(fault, tuple(found[fault].values())) for fault in plan.faults if fault in found)
 
 
 def _first_faults(plan: TolerancePlan) -> Iterator[tuple[Perturbation, str, float]]:

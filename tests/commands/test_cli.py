@@ -242,7 +242,7 @@ SWEPT = ("--set", "d_3=1..9 mm")
         (("evaluate", "paper"), "all.json", ("--at", "200mm")),
         (("evaluate", "paper"), "all.csv", ("--at", "200mm")),
         (("sweep", "paper", "--quantity", "fill_factor", *SWEPT), "s.csv", ("--points", "4")),
-        (("sweep", "paper", "--quantity", "fill_factor", *SWEPT), "s.png", ("--quantity", "sigma_z_mm")),
+        (("sweep", "paper", "--quantity", "fill_factor", *SWEPT), "s.svg", ("--quantity", "sigma_z_mm")),
         (("export", "paper"), "paper.zmx", ()),
         (("datasheet", "paper"), "sheet.csv", ("--at", "200mm")),
         (("datasheet", "paper"), "sheet.json", ("--at", "200mm")),

@@ -332,7 +332,7 @@ def _beside_evaluate(design: Design, texture: Design) -> str:
 
 
 def _beside_expected(camera: Camera) -> str:
-    """What depth, expected, of a camera counts that simulated exposures do not have."""
+    """Sentence on what depth, expected, counts that simulated exposures do not have; empty where it counts nothing."""
     budget = depth_budget(camera)
     others = [term.name for term in budget.terms if term.name in (MISMATCH, WARMTH) and (term.u_mm or 0.0) > 0]
     if not (others and math.isfinite(budget.u_z_mm)):

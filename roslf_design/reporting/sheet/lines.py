@@ -344,13 +344,17 @@ def _lines(
     if sheet.colours:
         yield from _colour_lines(design, sheet.colours)
     yield from _whole_camera("Body", camera, {})
-    clear = float(camera.cold.D)  # of a lens whose mount is wider
-    parts = ", ".join(
+    yield _SheetLine("Body", PARTS, None, "", _part_words(sheet, camera), text=str(len(sheet.parts)))
+
+
+def _part_words(sheet: Specification, camera: Camera) -> str:
+    """Diameters of the parts, of a main lens whose mount is wider its clear one as well."""
+    clear = float(camera.cold.D)
+    return ", ".join(
         f"{part.name} of {number(part.diameter_mm, 4)} mm"
         + f" (D = {number(clear, 4)} mm clear)" * (part.name == "main lens" and clear < 0.999 * part.diameter_mm)
         for part in sheet.parts
     )
-    yield _SheetLine("Body", PARTS, None, "", parts, text=str(len(sheet.parts)))
 
 
 def _required_lines(required: Iterable[Requirement]) -> Iterator[_SheetLine]:
