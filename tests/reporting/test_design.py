@@ -212,7 +212,7 @@ def test_drawing_and_parts_list_are_at_room_temperature_and_say_so():
         for one in (cold, warm)
     )
     assert (parts.content, listed.rows) == (drawn.content, told.rows)
-    holds = "Lengths at 20 °C; the camera is used at 60 °C."
+    holds = "Lengths at 20 °C; the camera is used at 60 °C, in a housing of stainless steel, taken as 304, 17.2e-6 /K."
     assert (parts.caption, listed.caption) == (f"{drawn.caption} {holds}", f"{told.caption} {holds}")
 
 

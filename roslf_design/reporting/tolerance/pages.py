@@ -239,7 +239,7 @@ def clearance_words(plan: TolerancePlan) -> str:
             f"(± {display(one.tolerance, kinds[one.place])})"
             for one, reach in nearest[:MOST_WAYS]
         ]
-        more = f" or {len(nearest) - MOST_WAYS} more are" if len(nearest) > MOST_WAYS else ""
+        more = f", or by {len(nearest) - MOST_WAYS} more" if len(nearest) > MOST_WAYS else ""
         told.append(f"{fault} once {' or '.join(ways)}{more}")
     told += [f"{len(tight) - MOST_FAULTS} more"] if len(tight) > MOST_FAULTS else []
     if not told:
