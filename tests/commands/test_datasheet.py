@@ -5,19 +5,23 @@ import functools
 import hashlib
 import json
 import re
+import tomllib
 
 import numpy as np
 import pytest
+import tomli_w
 
 import roslf_design as roslf
 from roslf_design.calibration.options import PlanOptions, calibration_plan, planned_lengths
 from roslf_design.camera import Camera
 from roslf_design.commands import report as report_command
+from roslf_design.design import dumps
 from roslf_design.drawing.marks import Dots, Line, Text
 from roslf_design.evaluation.evaluate import held_to
 from roslf_design.reporting import story
 from roslf_design.reporting.blocks import Report
 from roslf_design.reporting.calibrate.pages import planned_depth
+from roslf_design.reporting.depth.pages import _beside_expected
 from roslf_design.reporting.sheet import lines as datasheet
 from roslf_design.reporting.sheet.lines import DEPTH, EXPECTED, basis, datasheet_report, datasheet_section
 from roslf_design.reporting.sweep import sweep_picture
@@ -698,3 +702,22 @@ def test_a_folder_of_another_study_is_refused_before_any_work(tmp_path, capsys):
         code, _, err = run(capsys, command, study, "-o", tmp_path)
         assert (code, "is of rigid 4 mm scope" in err) == (2, True)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["index.html", "study.toml"]
+
+
+def test_a_part_s_clear_diameter_stands_beside_its_outer_one():
+    """Edmund 45-089 is 3 mm wide and clear to 2.7 mm, which is D where the design gives none."""
+    table = {"part": "45-089", "focal_plane": "60 mm"}
+    text = dumps(roslf.load("rigid-scope"))
+    data = tomllib.loads(text) | {"main_lens": table}
+    design = roslf.loads(tomli_w.dumps(data))
+    assert pytest.approx(2.7) == design.D
+    rows = {line.name: line.remark for line in basis(design).rows}
+    assert "main lens of 3 mm (D = 2.7 mm clear)" in rows["parts"]
+    assert "clear" not in {line.name: line.remark for line in basis(roslf.load("rigid-scope")).rows}["parts"]
+
+
+def test_what_simulated_exposures_lack_of_depth_expected_is_named():
+    camera = Camera.of(roslf.load("paper"))
+    u = float(depth_budget(camera).u_z_mm)
+    assert f"(u = {u:.3g} mm) counts view mismatch beside that bound" in _beside_expected(camera)
+    assert _beside_expected(Camera.of(roslf.load("paper").replace({"depth.view_mismatch": 0.0}))) == ""
