@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 
@@ -17,12 +18,17 @@ def silent(what: str, done: float = 0.0, total: float = 0.0) -> None:
     """Progress that nobody looks at."""
 
 
-def shares(progress: CountedProgress, what: str) -> Callable[[float], None]:
+Share = Callable[[float], None]
+"""Receiver of how much of a step is done, from 0 to 1."""
+UNHEARD: Share = partial(silent, "")
+
+
+def shares(progress: CountedProgress, what: str) -> Share:
     """Beginning of a step: what it calls with the share of it that is done, from 0 to 1, is told as that step's."""
     progress(what)
     return lambda share: progress(what, share, 1.0)
 
 
-def part_of(progress: Callable[[float], None], begin: float, end: float) -> Callable[[float], None]:
+def part_of(progress: Share, begin: float, end: float) -> Share:
     """Progress of a part of something, told as the whole's: from `begin` to `end` of it."""
     return lambda share: progress(begin + share * (end - begin))

@@ -7,6 +7,7 @@ from typing import Literal
 
 from ..calibration.options import PlanOptions
 from ..errors import OTHER_PLACE, refusal
+from ..progress import CountedProgress, shares
 from ..reporting.printers import Paper, render_html, render_pdf
 from ..reporting.sheet.lines import (
     NONE,
@@ -93,7 +94,7 @@ def datasheet(
     with status_and_bars("datasheet") as progress:
         grounds = datasheet_of(Path(design), seed, progress, known, distances)
         _check_sheet(target, kind, sheet_title(grounds.design.name, revision))
-        content = _written(grounds, kind, paper, revision, date)
+        content = _written(grounds, kind, paper, revision, date, progress)
     if revision != NONE and target.exists() and target.read_bytes() != content:
         raise refusal("output", f"{target} is there; a sheet with a revision is not written over; {OTHER_PLACE}")
     write_file(target, content)
@@ -108,10 +109,13 @@ def _check_sheet(target: Path, kind: str, title: str) -> None:
         check_owner(target, title_written(target.read_bytes()), title)
 
 
-def _written(grounds: SpreadSources, kind: str, paper: Paper, revision: str, date: str) -> bytes:
+def _written(
+    grounds: SpreadSources, kind: str, paper: Paper, revision: str, date: str, progress: CountedProgress
+) -> bytes:
     if kind == ".json":
         return f"{json_text(datasheet_json(grounds, revision))}\n".encode()
     if kind == ".csv":
         return datasheet_csv(grounds, revision)
-    page = datasheet_report(grounds, revision, date)
+    page = datasheet_report(grounds, revision, date, shares(progress, "pictures"))
+    progress("PDF" if kind == ".pdf" else "page")
     return render_pdf(page, paper) if kind == ".pdf" else render_html(page).encode()

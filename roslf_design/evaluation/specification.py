@@ -17,6 +17,7 @@ from ..design import Design
 from ..errors import InputError, Problem
 from ..json_data import plain
 from ..options import Distance, check_distances
+from ..progress import UNHEARD, Share
 from ..shapes.lattice import PACKINGS
 from ..tables import BriefValue
 from ..theory import field_of_view, light, tube
@@ -444,6 +445,7 @@ def specification(
     at: Distance | Sequence[Distance] = (),
     shown: FieldImages | None = None,
     budget: BudgetAt | None = None,
+    tell: Share = UNHEARD,
 ) -> Specification:
     """The data sheet of a design: of its straight parts, tilts left out.
 
@@ -461,6 +463,8 @@ def specification(
     budget : callable, optional
         Budget of depth at distances ahead of the tip [mm], by which the working range ends; default: of the lengths as
         drawn.
+    tell : callable, optional
+        Hears what share of it is known, from 0 to 1.
 
     Raises
     ------
@@ -485,10 +489,14 @@ def specification(
     sharp = _SharpEnds.of(camera)
     focused, rows = FocusedArray.of(camera), list[Resolved]()
     if focused is None:
-        rows += [resolved(images, k, one, "refocused") for one in stations for k in range(len(images.fields))]
-        rows += [resolved(images, 0, one, "view") for one in stations]
-    if focused is None and design.main_lens.kind.faults:  # views, too, are less sharp off the axis
-        rows += [resolved(images, k, stations[1], "view") for k in range(1, len(images.fields))]
+        fields = range(len(images.fields))
+        wanted: list[tuple[int, Station, Kind]] = [(k, one, "refocused") for one in stations for k in fields]
+        wanted += [(0, one, "view") for one in stations]
+        if design.main_lens.kind.faults:  # views, too, are less sharp off the axis
+            wanted += [(k, stations[1], "view") for k in fields[1:]]
+        for done, (k, one, image) in enumerate(wanted):
+            tell(done / len(wanted))
+            rows.append(resolved(images, k, one, image))
     points = shown.points
     farthest = corner(points)
     value = {name: float(QUANTITIES[name](camera)) for name in _NAMES}

@@ -31,7 +31,7 @@ from ..evaluation import default_fields
 from ..evaluation.required import load_beside
 from ..optimization.study import Result, run
 from ..optimization.study import read_study as read_optimisation
-from ..progress import CountedProgress, silent
+from ..progress import CountedProgress, shares, silent
 from ..theory.focused import has_views
 from ..theory.length_covariance import LengthCovariance
 from ..theory.limits import as_design
@@ -50,6 +50,8 @@ from .sheet.lines import BuildSpread, CalibrationSpread, SpreadSources, basis
 from .tolerance.pages import tolerance_finding
 
 TAKES = re.compile(r"best|robust|parts-\d\d")
+LINES = "lines of the data sheet"
+"""Step of a report that is counted."""
 STUDIES = ("optimize", "tolerance", "calibration", "calibrated")
 """Kinds of study that a part may be."""
 
@@ -165,12 +167,13 @@ def _read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = ""
 
 # --- studies ----------------------------------------------------------------------------------------------------------
 
-TRIALS = 4096
+TRIALS, TRACED = 4096, 1024
+"""Units of a first look; and behind a real lens, where each is traced: their intervals are twice as wide."""
 GRADE = "precision"
 FILL, KEPT, CENTRE, DEPTH = 0.1, 0.01, 1.0, 0.1
 """Limits: change of the image fill, light lost, image centres off [px], growth of the depth noise (bound)."""
 QUESTION = (
-    f"A first look, with limits that this report sets itself: {TRIALS} Monte Carlo units (builds) to the grade "
+    f"A first look, with limits that this report sets itself: {{}} Monte Carlo units (builds) to the grade "
     f"'{GRADE}' (engineering judgement, as the table of grades says), the decoder calibrated on each. A build is "
     f"good where its image fill stays within {100 * FILL:g} % of the nominal, its depth noise (bound) grows by "
     f"{100 * DEPTH:g} % at most, no field loses more than {100 * KEPT:g} % of the light that it nominally gets, and "
@@ -235,18 +238,21 @@ def run_optimisation(
 
 
 def _quick_tolerances(
-    design: Design, seed: int = 0, progress: CountedProgress = silent, trials: int = TRIALS
+    design: Design, seed: int = 0, progress: CountedProgress = silent, trials: int | None = None
 ) -> StudyResult:
     """The first look; behind a real main lens, builds are what `roslf tolerance` makes of them."""
+    data = quick_study(design, seed)
     # What nobody asked for needs no budget.
-    return _run_tolerances(quick_study(design, seed) | {"trials": trials}, design, progress=progress, budgets=False)
+    return _run_tolerances(data | {"trials": trials or data["trials"]}, design, progress=progress, budgets=False)
 
 
 def quick_study(design: Design, seed: int = 0) -> dict[str, Any]:
     """The first look as its file would say it, without the design: limits relative to the nominal."""
+    trials = TRACED if design.main_lens.kind.mounted else TRIALS
     data: dict[str, Any] = {
         "name": f"first look, {GRADE} grade",
-        "question": QUESTION,
+        "question": QUESTION.format(trials),
+        "trials": trials,
         "grade": GRADE,
         "seed": seed,
         "fields": [[f"{x!r} mm", f"{y!r} mm"] for x, y in default_fields(design)],
@@ -296,7 +302,8 @@ def full_report(
     known = {} if calibrated is None else {"calibration": calibrated_finding(design, calibrated)}
     findings, build = _first_look(design, seed, progress, known, at=at)
     instrument = None if calibration is None else _known_if_told(calibration, design)
-    grounds = basis(design if instrument is None else instrument.design, None, instrument, at)._replace(looked=build)
+    own = design if instrument is None else instrument.design
+    grounds = basis(own, None, instrument, at, tell=shares(progress, LINES))._replace(looked=build)
     return design_report(design, findings=findings, grounds=grounds, progress=progress, **options)
 
 
@@ -325,7 +332,7 @@ def study_report(
         tolerances = _run_tolerances(data, None, path.parent, origin, _prefixed(progress, "tolerances"), seed)
         design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
         built = BuildSpread(tolerances.plan, tolerances.final, tolerances.study.yield_target)
-    grounds = basis(design, built, at=at)
+    grounds = basis(design, built, at=at, tell=shares(progress, LINES))
     findings, build = _first_look(design, seed or 0, progress, findings, grounds.build, at)
     grounds = grounds._replace(looked=build)
     report = design_report(design, findings=findings, grounds=grounds, progress=progress, **options)
@@ -449,25 +456,31 @@ def datasheet_of(
             raise refusal("calibration", f"goes with a design or a study; {remedy} in the story")
         return _basis_of(story, list(_walked(story, seed, progress, at, _builds_alone)), at)
     if kind == "design":
-        return sheet_of(as_design(str(path)), calibration, at)
+        return sheet_of(as_design(str(path)), calibration, at, progress)
     data, origin = read_toml(path, str(path)), str(path)
     if kind == "tolerance":
         design = tolerance_plan(data, None, path.parent, origin)[0].question.design
         known = None if calibration is None else _known(calibration, design)
         built = _builds_alone(data, None, path.parent, origin, _prefixed(progress, "tolerances"), seed)
-        return basis(design, built, known, at)
+        return basis(design, built, known, at, tell=shares(progress, LINES))
     result = run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
     best = _taken(result, "best")
     if best is None:
         raise InputError((Problem("", _nothing(result, "best")),), origin)
     known = None if calibration is None else _known(calibration, best)
-    return basis(best, None, known, at, _looked(best, calibration))
+    return basis(best, None, known, at, _looked(best, calibration), shares(progress, LINES))
 
 
-def sheet_of(design: Design, calibration: Path | PlanOptions | None = None, at: Sequence[float] = ()) -> SpreadSources:
+def sheet_of(
+    design: Design,
+    calibration: Path | PlanOptions | None = None,
+    at: Sequence[float] = (),
+    progress: Progress | None = None,
+) -> SpreadSources:
     """A single design's data sheet; the rest as for `datasheet_of`."""
     known = None if calibration is None else _known(calibration, design)
-    return basis(design if known is None else known.design, None, known, at, _looked(design, calibration))
+    looked, tell = _looked(design, calibration), shares(progress, LINES)
+    return basis(design if known is None else known.design, None, known, at, looked, tell)
 
 
 def _basis_of(story: _Story, parts: Sequence[_Walked], at: Sequence[float] = ()) -> SpreadSources:

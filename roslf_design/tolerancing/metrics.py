@@ -36,6 +36,12 @@ DISTANT = {name: quantity for name, quantity in QUANTITIES.items() if name not i
 """Quantities of the whole camera, asked for ahead of the bore's tip where they may be: some are metrics there alone."""
 
 
+SHAPES = frozenset({"kept_fraction", "image_area_mm2", "axis_ratio"})
+"""Metrics of the shapes that rims leave of images."""
+WORTH_ASKING = 0.9
+"""Share of builds that are cameras below which these alone are measured: the others' numbers mean nothing."""
+
+
 @dataclass(frozen=True)
 class Column:
     """One metric at one field (None: the whole camera)."""
@@ -118,11 +124,17 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
     """
     if all(place in values for place in CONJUGATES):  # where a part is adjusted to d_f: f follows
         values = {place: numbers for place, numbers in values.items() if place != CONJUGATES[0]}
-    results = np.empty((len(question.columns), trials))
+    results = np.full((len(question.columns), trials), np.nan)
     row = 0
     # What a build leaves undefined divides by zero somewhere; it is told apart below, once.
     with np.errstate(all="ignore"):
         builds, valid = builds_of(question, values, trials, calibrated=calibrated)
+        count = np.count_nonzero(valid)
+        if count < WORTH_ASKING * trials:
+            some = {place: numbers[valid] for place, numbers in values.items()}
+            if count:
+                results[:, valid] = evaluate_builds(question, some, int(count), calibrated=calibrated)
+            return results
         for metric in (METRICS[name] for name in question.metrics):
             rows = 1 if metric.local is None else len(question.fields)
             results[row : row + rows] = (

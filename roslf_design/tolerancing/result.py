@@ -30,7 +30,7 @@ from ..theory.quantities import QUANTITIES, bound_note
 from ..words import listed, number, uncertainty
 from .budgets import ToleranceBudget, budget, searched_builds
 from .draws import Perturbation
-from .metrics import Column, mount_of, of_cameras
+from .metrics import SHAPES, Column, mount_of, of_cameras
 from .places import Grades, display, in_lens, of_parts, perturbable
 from .sensitivities import (
     LOOSEST,
@@ -68,8 +68,6 @@ PARTS, LEAST = 20, 10
 """Parts of the kept trials whose scatter is measured, and trials of each at least."""
 KNOWN_LENGTHS = ("u_z_mm", "u_z_at_field_mm")
 """Metrics that take the lengths of each build as known."""
-SHAPES = ("kept_fraction", "image_area_mm2", "axis_ratio")
-"""Metrics that take common parts of the stops' images."""
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,7 @@ from ..units import Length, in_file, read_quantity
 from ..words import number
 from .draws import Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
-from .metrics import DISTANT, METRICS, Column, Question, evaluate_builds, faults_of, share_by_rays
+from .metrics import DISTANT, METRICS, SHAPES, Column, Question, evaluate_builds, faults_of, share_by_rays
 from .places import LENSLETS, SHIPPED, Grades, expand, load_grades, nominal_values, tolerance_at
 
 CALIBRATION = "calibration"
@@ -396,8 +396,9 @@ class TolerancePlan:
 
         Adjusted builds have one, as all limits tell where they are adjusted to.
         """
-        numeric = [self.columns[limit.column].quantity.numeric and not self.adjusters for limit in self.limits]
-        parts = (tuple(compress(self.limits, np.equal(numeric, last))) for last in (False, True))
+        asked = [self.columns[limit.column] for limit in self.limits]
+        cost = [0 if self.adjusters else 2 * one.quantity.numeric + (one.metric in SHAPES) for one in asked]
+        parts = (tuple(compress(self.limits, np.equal(cost, rank))) for rank in range(3))
         return tuple(map(self._of_limits, filter(None, parts)))
 
     def _of_limits(self, limits: tuple[_Limit, ...]) -> TolerancePlan:

@@ -32,7 +32,7 @@ from ..theory.object_space import ObjectSpaceFaces
 from ..traced.camera import camera_of, microlenses, nominal_targets, sensor_of_pupil
 from ..traced.images import real_images
 from ..traced.microlens import CROSS, MIDDLE, FieldRays, LensImages, Mount, thin_targets
-from ..traced.train import Planes, Train, aimed, landings, rim_row, spot_radii
+from ..traced.train import Planes, RayTargets, Train, aimed, landings, rim_row, spot_radii
 from .ideal import IdealBuilds, azimuths, fractional
 from .places import in_lens, nominal_values, of_lens, of_parts, stops_of
 
@@ -208,6 +208,8 @@ class _Reference(NamedTuple):
     rays: FieldRays
     ends: Array
     """Ends of both axes of the array at `IdealBuilds.reach`, (4, 2) [mm]."""
+    end_rays: RayTargets
+    """Rays from there to the FAP's centre."""
     folded: NDArray[np.bool_]
     """Fields whose nominal image is folded: it has no outline, (F,)."""
     points: Array
@@ -258,6 +260,7 @@ def reference(
     return _Reference(
         rays=rays,
         ends=ends,
+        end_rays=rays.to(ends, MIDDLE),
         folded=folded(design, at),
         points=along_chief(distance),
         axis_points=on_axis,
@@ -357,7 +360,8 @@ class TracedBuilds(LensImages, IdealBuilds):
 
         At the middle, per mm in x, in y.
         """
-        landed = self._aimed(self.rays.to(self.known.ends, MIDDLE), 1).landed[:, 0]
+        wanted = self.rays.to(self.known.ends, MIDDLE) if self.rays.own else self.known.end_rays
+        landed = self._aimed(wanted, 1).landed[:, 0]
         at = self._grid(landed) / np.asarray(self.camera.q)[..., None]
         scale = np.broadcast_to(self.nominal.d / np.asarray(self.camera.d), (self.trials,))
         x, y = (self.reach * np.array(way)[:, None] for way in ((1.0, -1.0, 0.0, 0.0), (0.0, 0.0, 1.0, -1.0)))

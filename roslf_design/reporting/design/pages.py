@@ -30,7 +30,7 @@ from ...evaluation.result import (
 )
 from ...evaluation.specification import FieldImages
 from ...evaluation.verdicts import near_cases
-from ...progress import CountedProgress, silent
+from ...progress import CountedProgress, shares, silent
 from ...theory.colours import PIXEL_FILTERS
 from ...units import format_quantity
 from ...words import TERMS, listed, sentence, spaced
@@ -148,13 +148,12 @@ def design_report(
     twin = "" if result.real_lens is None else " of the thin-lens model"
     space = ("plane", "depth") if result.has_views else ("plane",)
     parameters = Table(tuple(parameter_rows(design)), "lldl", ("symbol", "what", "value", ""))
-    progress("data sheet")
     sections = (
         Section(
             "Summary",
             (*opening, *first, *answer_tables(result)),
         ),
-        datasheet_section(grounds),
+        datasheet_section(grounds, shares(progress, "data sheet")),
         Section("The design", (parameters, figures["dimensions"], *_seen(result), *_stops(design))),
         parts_section(design),
         Section(

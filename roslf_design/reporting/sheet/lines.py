@@ -38,6 +38,7 @@ from ...evaluation.specification import (
 from ...evaluation.verdicts import as_sharp, lit
 from ...evaluation.working_range import WorkingRange
 from ...json_data import plain
+from ...progress import UNHEARD, Share, part_of
 from ...tables import csv_bytes
 from ...theory.colours import GREEN
 from ...theory.depth_budget import COVERAGE, DepthBudget, depth_budget
@@ -541,10 +542,12 @@ def basis(
     calibration: CalibrationSpread | None = None,
     at: Sequence[float] = (),
     looked: LengthCovariance | None = None,
+    tell: Share = UNHEARD,
 ) -> SpreadSources:
     """A design's sheet, with what a tolerance study and a calibration know of it, and lines at distances asked for.
 
     Without a study, a calibration takes the lengths as a first look builds them, `looked`, as known before.
+    `tell` hears what share is known.
     """
     shown = FieldImages.of(design)
     own = None if built is None else lengths_built(built.plan)
@@ -552,7 +555,7 @@ def basis(
     lengths = None if calibration is None else calibration.lengths
     camera = Camera.of(design)
     budget = partial(depth_budget, camera, build=build, calibration=lengths)
-    sheet, sentences = specification(design, at, shown, budget), []
+    sheet, sentences = specification(design, at, shown, budget, tell), []
     budgets = {far: budget(far) for far in (None, *at)}
     required = requirements(shown, camera, budget)
     traced = design.lens is not None  # whose builds are cameras of thin-lens models
@@ -653,6 +656,8 @@ def _depths_by_lengths(grounds: SpreadSources) -> Iterator[tuple[str, DepthBudge
         yield lengths, budget, tells if budget is None else quote
 
 
+CURVES = 0.55
+"""Share of a sheet's pictures that is done when its MTF curves begin."""
 LEFT_OUT = {"as drawn": "without what lengths add", "as calibrated": "with lengths as calibrated"}
 """Depths, expected, by how lengths are taken, named by what they leave out; all others are without a calibration."""
 
@@ -672,8 +677,8 @@ def _answers(grounds: SpreadSources, lead: _SheetLine) -> Iterator[_SheetLine]:
     yield from others
 
 
-def datasheet_section(grounds: SpreadSources) -> Section:
-    """The page."""
+def datasheet_section(grounds: SpreadSources, tell: Share = UNHEARD) -> Section:
+    """The page; `tell` hears what share of it is made."""
     columns = (("± 2σ, builds", grounds.sigma), ("± 2σ, calibrated", grounds.calibrated))
     spreads = [column for column in columns if column[1]]
     tables: dict[str, list[tuple[str, ...]]] = {}
@@ -717,7 +722,8 @@ def datasheet_section(grounds: SpreadSources) -> Section:
         "pupil as the stops cut it, at microlenses, their width, the pixel, defocus. Detail beyond the dashed line is "
         "sampled less than twice a period and aliases."
     ) + words.curves
-    drawn = resolution_map(grounds.design, grounds.at)
+    drawn = resolution_map(grounds.design, grounds.at, part_of(tell, 0.0, CURVES))
+    tell(CURVES)
     mapped = (
         "Detail that the image refocused to each distance shows with half its contrast; the lower of tangential and "
         "sagittal. "
@@ -751,12 +757,12 @@ def title_written(content: bytes) -> str:
         return ""
 
 
-def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = NONE) -> Report:
+def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = NONE, tell: Share = UNHEARD) -> Report:
     """The sheet alone: which design in which revision, on every page, fields to sign, the lines, its drawing.
 
-    Behind it, on pages of their own, tables and pictures that explain the lines.
+    Behind it, on pages of their own, tables and pictures that explain the lines. `tell` hears what share is made.
     """
-    design, section = grounds.design, datasheet_section(grounds)
+    design, section = grounds.design, datasheet_section(grounds, tell)
     views, known = grounds.sheet.has_views, grounds.known
     head = sheet_head(design, revision, date)
     behind = [block for block in section.blocks if isinstance(block, Figure) or _explains(block)]

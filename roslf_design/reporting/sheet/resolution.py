@@ -15,6 +15,7 @@ from ...drawing.picture import PAGE, Picture, beside, one_panel
 from ...drawing.theme import SMALL
 from ...evaluation.fields import default_fields
 from ...evaluation.specification import BEYOND, planes
+from ...progress import UNHEARD, Share
 from ...theory.light import on_array, sensor_field
 from ...traced.fields import DesignImages, IdealImages, images_of
 from ..lens_words import lens_words
@@ -70,10 +71,11 @@ def mtf_curves(design: Design, images: IdealImages | DesignImages | None = None)
     return beside("mtf", f"MTF of {design.name} at its focal plane, over detail in lp/mm", pictures, keys)
 
 
-def resolution_map(design: Design, at: Sequence[float] = ()) -> Picture:
+def resolution_map(design: Design, at: Sequence[float] = (), tell: Share = UNHEARD) -> Picture:
     """Detail at MTF 50 % of the refocused image, over distance ahead of the tip and field towards the corner.
 
     It reaches distances asked for, `at` [mm]. A curve over distance where the corner shows as much as the middle.
+    `tell` hears what share of it is known.
     """
     camera = Camera.of(design)
     low, high = (np.array([float(v) for v in end]) for end in sensor_field(camera))
@@ -94,7 +96,8 @@ def resolution_map(design: Design, at: Sequence[float] = ()) -> Picture:
         each = (images.transfer(column, far).limits_each_way((0.5,), "refocused") for far in at.tolist())
         return np.array([min(limit for (limit,) in each_way) for each_way in each])
 
-    for column in (0, COLUMNS - 1, *range(1, COLUMNS - 1)):
+    for done, column in enumerate((0, COLUMNS - 1, *range(1, COLUMNS - 1))):
+        tell(done / COLUMNS)
         values[:, column] = shown(images, column, distances)
         if column and (np.ptp(values[:, [0, -1]], axis=1) < ALIKE * values[:, 0]).all():
             finer = spaced(*ends, ON_CURVE)
