@@ -42,6 +42,9 @@ _AHEAD = ContextVar("_AHEAD", default=0.0)
 PLAIN = (bool, int, float, str, tuple)
 """Kinds of module constants that are compiled into a kernel."""
 
+COMPILED = False
+"""Whether a kernel that reads it is compiled: true in its compiled twin."""
+
 WIDE = '"prefer-vector-width"="512"'
 """Attribute of a function that is compiled for vectors of 512 bits."""
 
@@ -237,6 +240,8 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
                 names[name] = value.on_one_thread
             elif value is soon_written:
                 names[name] = _fetch_to_write()
+            elif name == "COMPILED":
+                names[name] = True
 
     folder = _cache_folder(twin)
     alone = contextlib.nullcontext if folder is None else partial(_alone, folder / f"{twin.__qualname__}.lock")

@@ -305,16 +305,25 @@ def _to_scene(space: Any, flags: Any, k: Any, front: Any, law: Any, d_3: float, 
     lens_x, lens_y = k[LENS_X], k[LENS_X + 1]
     if space is not None:
         table, media, openings, room, work = space
+        count = 0
+        for i in range(m):
+            if rays[LIT + i] != 0.0:
+                room[count], room[BLOCK + count] = rays[X + i], rays[Y + i]
+                room[3 * BLOCK + count], room[4 * BLOCK + count] = rays[SLOPE_X + i], rays[SLOPE_Y + i]
+                count += 1
+        outwards(table, media, openings, law, room, work, count)
+        count = 0
         for i in range(m):
             if rays[LIT + i] == 0.0:
                 continue
             hx, hy, ox, oy = rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i]
-            ex, ey, tx, ty, fate = outwards(table, media, openings, law, room, work, hx, hy, ox, oy)
             hx, hy, ox, oy = behind_elements(front, lens_x, lens_y, hx, hy, ox, oy)
             hx, hy, ox, oy, _ = mapped(law, front, hx, hy, ox, oy)
             # So far does the exact ray go beside that of the closed forms.
-            rays[U + i], rays[V + i], rays[NEAR + i], rays[HIT + i] = ex - hx, ey - hy, tx - ox, ty - oy
-            rays[LIT + i] = 1.0 if fate == 0 else 0.0
+            rays[U + i], rays[V + i] = room[count] - hx, room[BLOCK + count] - hy
+            rays[NEAR + i], rays[HIT + i] = room[3 * BLOCK + count] - ox, room[4 * BLOCK + count] - oy
+            rays[LIT + i] = 1.0 if room[6 * BLOCK + count] == 0.0 else 0.0
+            count += 1
     for i in range(m if flags[IN_FOCUS] else 0):
         rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i] = refocused(
             d_3, d_f, rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i]

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._jit import kernel, soon_written
+from .._jit import COMPILED, kernel, soon_written
 from ..fates import FATES, RayFate
 from .angles import LAW_COLUMNS, first_order, stretch
 
@@ -60,6 +60,8 @@ KICK_ERROR = 1e-7
 """Error of a ray's height and slope for each step through a rod, where rays are for pixels."""
 KICK_AT, KICK_APART = 0.5 - sqrt(3.0) / 6, sqrt(3.0) / 3
 """Shares of such a step at which rays are bent by what a rod has beyond a harmonic one: Gauss's two points."""
+LANES = 32
+"""Rays that go through a rod side by side."""
 SAMPLES = 64
 
 MEETING = 8e-6
@@ -591,11 +593,137 @@ def _rod_step(work: Any, x: float, y: float, u: float, v: float, pull: float, g2
     return x, y, u, v
 
 
+@kernel(apart=True)
+def _rod_series(
+    lanes: int, g2: float, x: Any, y: Any, u: Any, v: Any, pull: Any, energy: Any, forth: Any, back: Any, xs: Any,
+    ys: Any, ss: Any, sx: Any, sy: Any,
+) -> None:  # fmt: skip
+    """Take as many steps as there are lanes, as `_rod_step`, to the same bits."""
+    last = TERMS - 1
+    for i in range(lanes):
+        xs[last, i], xs[last - 1, i], ys[last, i], ys[last - 1, i] = x[i], u[i], y[i], v[i]
+        r2, rate = x[i] * x[i] + y[i] * y[i], 2.0 * (x[i] * u[i] + y[i] * v[i])
+        forth[0, i], forth[1, i], back[last, i], back[last - 1, i] = r2, rate, r2, rate
+        energy[i] = u[i] * u[i] + v[i] * v[i] + pull[i] * r2 * (1.0 - 0.25 * g2 * r2)
+    for k in range(TERMS - 2):
+        old, old_x, old_y, odd = back[last - k :], xs[last - k :], ys[last - k :], (k + 1) % 2
+        for i in range(lanes):
+            single = forth[0, i] if odd else 0.0
+            ss[i], sx[i], sy[i] = single * old[0, i], single * old_x[0, i], single * old_y[0, i]
+        for j in range(odd, k + 1, 2):  # two at a time: half as many visits to the sums
+            for i in range(lanes):
+                one, two = forth[j, i], forth[j + 1, i]
+                ss[i] = ss[i] + one * old[j, i] + two * old[j + 1, i]
+                sx[i] = sx[i] + one * old_x[j, i] + two * old_x[j + 1, i]
+                sy[i] = sy[i] + one * old_y[j, i] + two * old_y[j + 1, i]
+        for i in range(lanes):
+            part = pull[i] / ((k + 1.0) * (k + 2.0))
+            term = part * (1.5 * g2 * ss[i] - 4.0 * forth[k, i]) + (energy[i] if k == 0 else 0.0)
+            forth[k + 2, i], back[last - 2 - k, i] = term, term
+            xs[last - 2 - k, i] = part * (0.5 * g2 * sx[i] - old_x[0, i])
+            ys[last - 2 - k, i] = part * (0.5 * g2 * sy[i] - old_y[0, i])
+    for i in range(lanes):
+        x[i], y[i], u[i], v[i] = 0.0, 0.0, 0.0, 0.0
+    for k in range(TERMS):
+        power = last - k
+        for i in range(lanes):
+            x[i], y[i] = x[i] + xs[k, i], y[i] + ys[k, i]
+            u[i], v[i] = u[i] + power * xs[k, i], v[i] + power * ys[k, i]
+
+
+@kernel(apart=True)
+def _rod_kicks(
+    lanes: int, x: Any, y: Any, u: Any, v: Any, kick: Any, near: Any, near_up: Any, near_down: Any, far: Any,
+    far_up: Any, far_down: Any,
+) -> None:  # fmt: skip
+    """As `_rod_series`, for pixels: harmonic swings, and all else at two points of them.
+
+    The symplectic SABA2 of Laskar and Robutel 2001; a swing is a cosine, and a sine over and times its frequency.
+    """
+    for i in range(lanes):
+        a, b, c, d = x[i], y[i], u[i], v[i]
+        a, b, c, d = (
+            near[i] * a + near_up[i] * c, near[i] * b + near_up[i] * d,
+            near[i] * c - near_down[i] * a, near[i] * d - near_down[i] * b,
+        )  # fmt: skip
+        bend = kick[i] * (a * a + b * b)
+        c, d = c + bend * a, d + bend * b
+        a, b, c, d = (
+            far[i] * a + far_up[i] * c, far[i] * b + far_up[i] * d,
+            far[i] * c - far_down[i] * a, far[i] * d - far_down[i] * b,
+        )  # fmt: skip
+        bend = kick[i] * (a * a + b * b)
+        c, d = c + bend * a, d + bend * b
+        x[i], y[i] = near[i] * a + near_up[i] * c, near[i] * b + near_up[i] * d
+        u[i], v[i] = near[i] * c - near_down[i] * a, near[i] * d - near_down[i] * b
+
+
+@kernel(apart=True)
+def _rod_crests(
+    lanes: int, limit: float, x: Any, y: Any, u: Any, v: Any, pull: Any, out: Any, high: Any, left: Any
+) -> bool:
+    """Keep rays' largest r^2 in a rod; whether some have no steps left or are clipped."""
+    ended = 0
+    for i in range(lanes):
+        r2 = x[i] * x[i] + y[i] * y[i]
+        # A crest between two steps, as of a harmonic swing.
+        mean, area = 0.5 * (r2 + (u[i] * u[i] + v[i] * v[i]) / pull[i]), x[i] * v[i] - y[i] * u[i]
+        crest = mean + sqrt(max(0.0, mean * mean - area * area / pull[i]))
+        outwards = x[i] * u[i] + y[i] * v[i]
+        turned, out[i] = out[i] > 0.0 and outwards < 0.0, outwards
+        most = max(high[i], r2)
+        high[i] = max(most, crest) if turned else most
+        left[i] -= 1.0
+        ended += 1 if left[i] == 0.0 or high[i] > limit else 0
+    return ended > 0
+
+
 @kernel()
-def _swung(cosine: float, sine: float, omega: float, x: float, y: float, u: float, v: float) -> Any:
-    """A ray some way on in a harmonic rod."""
-    up, down = sine / omega, sine * omega
-    return cosine * x + up * u, cosine * y + up * v, cosine * u - down * x, cosine * v - down * y
+def _into_rod(
+    buffer: Any, squares: Any, i: int, table: Any, first: int, limit: float, before: float, s: float, code: float
+) -> Any:
+    """Height of a ray where a rod begins, optical direction along its axis, and steps through it; 0: it is lost."""
+    n_0, g2, length = table[first + 3], table[first + 4] * table[first + 4], table[first + LENGTH]
+    start = table[first + 2] - (length if s > 0.0 else 0.0)
+    squares[i] = -1.0
+    if buffer[6 * BLOCK + i] != 0.0:
+        return 0.0, 0.0, 0.0, 0
+    dx, dy, dz = before * buffer[3 * BLOCK + i], before * buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
+    if not dz * s > 0.0:
+        buffer[6 * BLOCK + i] = code + REFLECTED
+        return 0.0, 0.0, 0.0, 0
+    t = (start - buffer[2 * BLOCK + i]) / dz
+    x = buffer[i] + t * buffer[3 * BLOCK + i] - table[first]
+    y = buffer[BLOCK + i] + t * buffer[4 * BLOCK + i] - table[first + 1]
+    r2 = x * x + y * y
+    squares[i] = r2
+    index = n_0 * (1.0 - 0.5 * g2 * r2)
+    square = index * index - dx * dx - dy * dy
+    if r2 > limit or not (index > 0.0 and square > 0.0):
+        buffer[6 * BLOCK + i] = code + (CLIPPED if r2 > limit else REFLECTED)
+        return 0.0, 0.0, 0.0, 0
+    # A ray swings like an elliptic sine of amplitude A, whose poles lie ln(8/(g A)) off the real axis.
+    swing = sqrt(g2 * r2 + (dx * dx + dy * dy) / (n_0 * n_0))
+    longest = max(STEP, min(LONGEST, STEP * math.log(8.0 / max(swing, 1e-9))))
+    if table[first + COARSE] != 0.0:
+        beyond = max(0.5 * swing * swing, 1e-9)
+        longest = min(LONGEST, (24 * KICK_ERROR / beyond**2) ** (1 / 3), (4320 * KICK_ERROR / beyond) ** 0.2)
+    forward = sqrt(square)
+    phase2 = n_0 * n_0 * g2 / (forward * forward)
+    return x, y, forward, max(1, math.ceil(sqrt(phase2) * length / longest))
+
+
+@kernel()
+def _out_of_rod(
+    buffer: Any, i: int, x: float, y: float, px: float, py: float, z: float, clipped: bool, s: float, code: float
+) -> None:
+    """Give a ray its place and direction behind a rod, or say why it has none."""
+    rest = 1.0 - px * px - py * py
+    if clipped or not rest > 0.0:
+        buffer[6 * BLOCK + i] = code + (CLIPPED if clipped else REFLECTED)
+        return
+    buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i] = x, y, z
+    buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i] = px, py, s * sqrt(rest)
 
 
 @kernel()
@@ -605,81 +733,62 @@ def _meet_rod(
 ) -> None:  # fmt: skip
     """Carry a block through a rod of n = n_0 (1 - g^2 r^2/2), in its own axes.
 
-    Along the axis the optical direction p_z stays as it is, and x'' = -(n_0 g/p_z)^2 (1 - g^2 r^2/2) x. For pixels the
-    second term of that is gathered at two points of each step, with harmonic swings about them (the symplectic SABA2 of
-    Laskar and Robutel 2001).
+    Along the axis the optical direction p_z stays as it is, and x'' = -(n_0 g/p_z)^2 (1 - g^2 r^2/2) x. Rays go side by
+    side, in lanes; the next one takes the lane of one that has come through.
     """
-    work = buffer[7 * BLOCK : 8 * BLOCK]
     n_0, g2, length = table[first + 3], table[first + 4] * table[first + 4], table[first + LENGTH]
     start = table[first + 2] - (length if s > 0.0 else 0.0)
     coarse = table[first + COARSE] != 0.0
-    for i in range(m):
-        squares[i] = -1.0
-        if buffer[6 * BLOCK + i] != 0.0:
-            continue
-        dx, dy, dz = before * buffer[3 * BLOCK + i], before * buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
-        if not dz * s > 0.0:
-            buffer[6 * BLOCK + i] = code + REFLECTED
-            continue
-        t = (start - buffer[2 * BLOCK + i]) / dz
-        x = buffer[i] + t * buffer[3 * BLOCK + i] - table[first]
-        y = buffer[BLOCK + i] + t * buffer[4 * BLOCK + i] - table[first + 1]
-        r2 = x * x + y * y
-        squares[i] = r2
-        index = n_0 * (1.0 - 0.5 * g2 * r2)
-        forward = index * index - dx * dx - dy * dy
-        if r2 > limit:
-            buffer[6 * BLOCK + i] = code + CLIPPED
-            continue
-        if not (index > 0.0 and forward > 0.0):
-            buffer[6 * BLOCK + i] = code + REFLECTED
-            continue
-        forward = sqrt(forward)
-        phase2 = n_0 * n_0 * g2 / (forward * forward)
-        u, v = dx / forward, dy / forward  # per length along the axis
-        # A ray swings like an elliptic sine of amplitude A, whose poles lie ln(8/(g A)) off the real axis.
-        swing = sqrt(g2 * r2 + (dx * dx + dy * dy) / (n_0 * n_0))
-        longest = max(STEP, min(LONGEST, STEP * math.log(8.0 / max(swing, 1e-9))))
+    lanes = min(LANES if COMPILED else 1, m)
+    owner, room = np.full(lanes, -1), np.zeros((17, lanes))
+    x, y, u, v, out, high, left, pull, forward, h = (
+        room[0], room[1], room[2], room[3], room[4], room[5], room[6], room[7], room[8], room[9],
+    )  # fmt: skip
+    a, b, c, d, e, f, g = room[10], room[11], room[12], room[13], room[14], room[15], room[16]
+    series = np.empty((4 * TERMS, lanes))
+    pull[:] = 1.0
+    entered, busy, ended = 0, 0, True
+    while True:
+        for lane in range(lanes if ended else 0):
+            i = owner[lane]
+            if i >= 0 and (left[lane] == 0.0 or high[lane] > limit):
+                squares[i], owner[lane], busy = high[lane], -1, busy - 1
+                px, py = u[lane] / h[lane] * forward[lane] / after, v[lane] / h[lane] * forward[lane] / after
+                hx, hy = x[lane] + table[first], y[lane] + table[first + 1]
+                _out_of_rod(buffer, i, hx, hy, px, py, start + s * length, high[lane] > limit, s, code)
+                room[:7, lane] = 0.0
+            while owner[lane] < 0 and entered < m:
+                i, entered = entered, entered + 1
+                hx, hy, ahead, count = _into_rod(buffer, squares, i, table, first, limit, before, s, code)
+                if count == 0:
+                    continue
+                step = length / count
+                owner[lane], busy, left[lane], high[lane] = i, busy + 1, 1.0 * count, squares[i]
+                forward[lane], h[lane] = ahead, step
+                pull[lane] = n_0 * n_0 * g2 / (ahead * ahead) * step * step
+                x[lane], y[lane] = hx, hy  # and how far these go in a step along the axis
+                u[lane] = before * buffer[3 * BLOCK + i] / ahead * step
+                v[lane] = before * buffer[4 * BLOCK + i] / ahead * step
+                out[lane] = hx * u[lane] + hy * v[lane]
+                if coarse:
+                    omega = sqrt(pull[lane])
+                    near, far = math.sin(KICK_AT * omega), math.sin(KICK_APART * omega)
+                    a[lane], b[lane], c[lane] = 0.25 * pull[lane] * g2, math.cos(KICK_AT * omega), near / omega
+                    d[lane], e[lane] = near * omega, math.cos(KICK_APART * omega)
+                    f[lane], g[lane] = far / omega, far * omega
+        if busy == 0:
+            break
         if coarse:
-            beyond = max(0.5 * swing * swing, 1e-9)
-            longest = min(LONGEST, (24 * KICK_ERROR / beyond**2) ** (1 / 3), (4320 * KICK_ERROR / beyond) ** 0.2)
-        count = max(1, math.ceil(sqrt(phase2) * length / longest))
-        h = length / count
-        u, v = u * h, v * h
-        pull = phase2 * h * h
-        omega, kick = sqrt(pull), 0.25 * pull * g2
-        near_cos, near_sin = math.cos(KICK_AT * omega), math.sin(KICK_AT * omega)
-        far_cos, far_sin = math.cos(KICK_APART * omega), math.sin(KICK_APART * omega)
-        for _ in range(count):
-            outwards = x * u + y * v > 0.0
-            if coarse:
-                x, y, u, v = _swung(near_cos, near_sin, omega, x, y, u, v)
-                bend = kick * (x * x + y * y)
-                x, y, u, v = _swung(far_cos, far_sin, omega, x, y, u + bend * x, v + bend * y)
-                bend = kick * (x * x + y * y)
-                x, y, u, v = _swung(near_cos, near_sin, omega, x, y, u + bend * x, v + bend * y)
-            else:
-                x, y, u, v = _rod_step(work, x, y, u, v, pull, g2)
-            squares[i] = max(squares[i], x * x + y * y)
-            if outwards and x * u + y * v < 0.0:  # the crest between, as of a harmonic swing
-                mean, area = 0.5 * (x * x + y * y + (u * u + v * v) / pull), x * v - y * u
-                squares[i] = max(squares[i], mean + sqrt(max(0.0, mean * mean - area * area / pull)))
-            if squares[i] > limit:
-                break
-        u, v = u / h, v / h
-        px, py = u * forward / after, v * forward / after
-        rest = 1.0 - px * px - py * py
-        if squares[i] > limit:
-            buffer[6 * BLOCK + i] = code + CLIPPED
-        elif not rest > 0.0:
-            buffer[6 * BLOCK + i] = code + REFLECTED
+            _rod_kicks(lanes, x, y, u, v, a, b, c, d, e, f, g)
+        elif not COMPILED:
+            place, way = (float(x[0]), float(y[0])), (float(u[0]), float(v[0]))
+            x[0], y[0], u[0], v[0] = _rod_step(buffer[7 * BLOCK : 8 * BLOCK], *place, *way, float(pull[0]), g2)
         else:
-            buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i] = (
-                x + table[first],
-                y + table[first + 1],
-                start + s * length,
-            )
-            buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i] = px, py, s * sqrt(rest)
+            _rod_series(
+                lanes, g2, x, y, u, v, pull, a, series[:TERMS], series[TERMS : 2 * TERMS],
+                series[2 * TERMS : 3 * TERMS], series[3 * TERMS :], b, c, d,
+            )  # fmt: skip
+        ended = _rod_crests(lanes, limit, x, y, u, v, pull, out, high, left)
 
 
 @kernel()

@@ -284,37 +284,55 @@ def _cross_stop(row: Any, x: float, y: float, z: float, dx: float, dy: float, dz
 
 
 @kernel()
-def outwards(
-    table: Any, media: Any, openings: Any, law: Any, buffer: Any, work: Any,
-    hx: float, hy: float, ox: float, oy: float,
-) -> Any:  # fmt: skip
-    """Height at z = 0 and slope of one ray outside, and its state; `buffer` and `work` are room for a block."""
-    shrink = -1.0 / sqrt(1.0 + ox * ox + oy * oy)
-    x, y, z, dx, dy, dz = hx, hy, 0.0, ox * shrink, oy * shrink, shrink
+def outwards(table: Any, media: Any, openings: Any, law: Any, buffer: Any, work: Any, m: int) -> None:
+    """Carry a block from z = 0 outwards: x, y, -, dx/dz, dy/dz there to the same outside, prolonged, and states.
+
+    `work` is room for a block.
+    """
+    for i in range(m):
+        ox, oy = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i]
+        shrink = -1.0 / sqrt(1.0 + ox * ox + oy * oy)
+        buffer[2 * BLOCK + i], buffer[3 * BLOCK + i], buffer[4 * BLOCK + i] = 0.0, ox * shrink, oy * shrink
+        buffer[5 * BLOCK + i], buffer[6 * BLOCK + i] = shrink, 0.0
     for s in range(len(table)):
         row = table[s]
-        if int(row[KIND]) == SPHERE and row[3] == 0.0:
-            x, y, z, dx, dy, dz, fate = _cross_flat(row, media[s][0], media[s][1], x, y, z, dx, dy, dz)
-        elif int(row[KIND]) == STOP:
-            x, y, z, fate = _cross_stop(row, x, y, z, dx, dy, dz)
-        elif int(row[KIND]) == THIN and row[TURNED] == 0.0:
-            x, y, dx, dy, dz, r2 = cross_thin(row, 0, media[s][1], media[s][0], -1.0, x, y, z, dx, dy, dz)
-            z, fate = row[2], CLIPPED if r2 > row[LIMIT] else 0
-        elif int(row[KIND]) == MAPPED:
-            x, y, sx, sy, p = bend_mapped(law, row[LENGTH], media[s][0], False, x, y, dx / dz, dy / dz)
-            shrink = -1.0 / sqrt(1.0 + sx * sx + sy * sy)
-            dx, dy, dz, fate = sx * shrink, sy * shrink, shrink, CLIPPED if p > law[0, 1] else 0
-        else:
-            buffer[0], buffer[BLOCK], buffer[2 * BLOCK] = x, y, z
-            buffer[3 * BLOCK], buffer[4 * BLOCK], buffer[5 * BLOCK], buffer[6 * BLOCK] = dx, dy, dz, 0.0
-            pass_surfaces(buffer, 1, row, media[s], 1, True, True, work)
-            fate = int(buffer[6 * BLOCK]) % FATES
-            x, y, z = buffer[0], buffer[BLOCK], buffer[2 * BLOCK]
-            dx, dy, dz = buffer[3 * BLOCK], buffer[4 * BLOCK], buffer[5 * BLOCK]
-        if fate != 0 or not dz < 0.0:
-            return 0.0, 0.0, 0.0, 0.0, FATES * int(openings[s]) + (fate if fate != 0 else MISSED)
-    sx, sy = dx / dz, dy / dz
-    return x - sx * z, y - sy * z, sx, sy, 0
+        kind = int(row[KIND])
+        flat, thin = kind == SPHERE and row[3] == 0.0, kind == THIN and row[TURNED] == 0.0
+        single = flat or thin or kind in (STOP, MAPPED)
+        if not single:
+            pass_surfaces(buffer, m, row, media[s], 1, True, True, work)
+        for i in range(m):
+            fate = int(buffer[6 * BLOCK + i])
+            if fate < 0:  # lost before: states that are told already are below 0
+                continue
+            x, y, z = buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i]
+            dx, dy, dz = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
+            if flat:
+                x, y, z, dx, dy, dz, fate = _cross_flat(row, media[s][0], media[s][1], x, y, z, dx, dy, dz)
+            elif kind == STOP:
+                x, y, z, fate = _cross_stop(row, x, y, z, dx, dy, dz)
+            elif thin:
+                x, y, dx, dy, dz, r2 = cross_thin(row, 0, media[s][1], media[s][0], -1.0, x, y, z, dx, dy, dz)
+                z, fate = row[2], CLIPPED if r2 > row[LIMIT] else 0
+            elif kind == MAPPED:
+                x, y, sx, sy, p = bend_mapped(law, row[LENGTH], media[s][0], False, x, y, dx / dz, dy / dz)
+                shrink = -1.0 / sqrt(1.0 + sx * sx + sy * sy)
+                dx, dy, dz, fate = sx * shrink, sy * shrink, shrink, CLIPPED if p > law[0, 1] else 0
+            fate %= FATES
+            if fate != 0 or not dz < 0.0:
+                buffer[6 * BLOCK + i] = -1.0 * (FATES * int(openings[s]) + (fate if fate != 0 else MISSED))
+            elif single:
+                buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i] = x, y, z
+                buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i] = dx, dy, dz
+    for i in range(m):
+        lost = buffer[6 * BLOCK + i] != 0.0
+        shrink = 1.0 if lost else buffer[5 * BLOCK + i]
+        sx, sy, z = buffer[3 * BLOCK + i] / shrink, buffer[4 * BLOCK + i] / shrink, buffer[2 * BLOCK + i]
+        x, y = buffer[i] - sx * z, buffer[BLOCK + i] - sy * z
+        buffer[i], buffer[BLOCK + i], buffer[6 * BLOCK + i] = (
+            0.0 if lost else x, 0.0 if lost else y, -buffer[6 * BLOCK + i],
+        )  # fmt: skip
+        buffer[3 * BLOCK + i], buffer[4 * BLOCK + i] = 0.0 if lost else sx, 0.0 if lost else sy
 
 
 @kernel()
@@ -322,14 +340,22 @@ def carry(
     table: Any, media: Any, openings: Any, law: Any, buffer: Any, work: Any, rays: Any, out: Any, status: Any
 ) -> None:
     """Rays of x, y, dx/dz, dy/dz at the main lens to the same outside, (4, N); `buffer` and `work` are room."""
-    for i in range(rays.shape[1]):
-        hx, hy, ox, oy = rays[0, i], rays[1, i], rays[2, i], rays[3, i]
-        if not abs(hx) + abs(hy) + abs(ox) + abs(oy) < OPEN:
-            status[i] = INVALID
-            continue
-        out[0, i], out[1, i], out[2, i], out[3, i], status[i] = outwards(
-            table, media, openings, law, buffer, work, hx, hy, ox, oy
-        )
+    for first in range(0, rays.shape[1], BLOCK):
+        m = min(BLOCK, rays.shape[1] - first)
+        for i in range(m):
+            hx, hy, ox, oy = rays[0, first + i], rays[1, first + i], rays[2, first + i], rays[3, first + i]
+            good = abs(hx) + abs(hy) + abs(ox) + abs(oy) < OPEN
+            buffer[i], buffer[BLOCK + i] = hx if good else 0.0, hy if good else 0.0
+            buffer[3 * BLOCK + i], buffer[4 * BLOCK + i] = ox if good else 0.0, oy if good else 0.0
+        outwards(table, media, openings, law, buffer, work, m)
+        for i in range(m):
+            hx, hy, ox, oy = rays[0, first + i], rays[1, first + i], rays[2, first + i], rays[3, first + i]
+            if not abs(hx) + abs(hy) + abs(ox) + abs(oy) < OPEN:
+                status[first + i] = INVALID
+                continue
+            out[0, first + i], out[1, first + i] = buffer[i], buffer[BLOCK + i]
+            out[2, first + i], out[3, first + i] = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i]
+            status[first + i] = int(buffer[6 * BLOCK + i])
 
 
 @kernel()

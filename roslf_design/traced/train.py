@@ -240,23 +240,21 @@ def _aim_block(
     for i in range(n):
         bx[i], by[i], ex[i], ey[i], left[i] = sx[i], sy[i], 0.0, 0.0, LOST
     for step in range(most + 1):
-        if step % AFRESH == 0 and (step > 0 or not known):
-            for probe in range(3):
-                for i in range(n):
-                    ux[i] = (sx[i] if left[i] == LOST else bx[i]) + (NUDGE if probe == 1 else 0.0)
-                    uy[i] = (sy[i] if left[i] == LOST else by[i]) + (NUDGE if probe == 2 else 0.0)
-                _meet(n, ray, ux, uy, table, media, count, target, axes, buffer, radii, fx, fy, far)
-                for i in range(n):
-                    if probe == 0:
-                        a[i], b[i], c[i], d[i] = 0.0, 0.0, fx[i], fy[i]
-                    elif probe == 1:
-                        a[i], b[i] = (fx[i] - c[i]) / NUDGE, (fy[i] - d[i]) / NUDGE
-                    else:
-                        xx, yx, xy, yy = a[i], b[i], (fx[i] - c[i]) / NUDGE, (fy[i] - d[i]) / NUDGE
-                        area = xx * yy - xy * yx
-                        area = 1.0 / area if 0.0 < abs(area) < LOST else 0.0
-                        a[i], b[i], c[i], d[i] = yy * area, -xy * area, -yx * area, xx * area
+        afresh = step % AFRESH == 0 and (step > 0 or not known)
+        for probe in range(2 if afresh else 0):
+            for i in range(n):
+                ux[i] = (sx[i] if left[i] == LOST else bx[i]) + (NUDGE if probe == 0 else 0.0)
+                uy[i] = (sy[i] if left[i] == LOST else by[i]) + (NUDGE if probe == 1 else 0.0)
+            _meet(n, ray, ux, uy, table, media, count, target, axes, buffer, radii, fx, fy, far)
+            for i in range(n):
+                a[i], b[i], c[i], d[i] = (fx[i], fy[i], 0.0, 0.0) if probe == 0 else (a[i], b[i], fx[i], fy[i])
         _meet(n, ray, sx, sy, table, media, count, target, axes, buffer, radii, fx, fy, far)
+        for i in range(n if afresh else 0):
+            gx, gy = (fx[i], fy[i]) if left[i] == LOST else (ex[i], ey[i])
+            xx, yx, xy, yy = (a[i] - gx) / NUDGE, (b[i] - gy) / NUDGE, (c[i] - gx) / NUDGE, (d[i] - gy) / NUDGE
+            area = xx * yy - xy * yx
+            area = 1.0 / area if 0.0 < abs(area) < LOST else 0.0
+            a[i], b[i], c[i], d[i] = yy * area, -xy * area, -yx * area, xx * area
         moving = False
         for i in range(n):
             if left[i] <= tolerance[i]:
