@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import roslf_design as roslf
@@ -24,6 +24,7 @@ from studies.accuracy.hard_forms import FORMS
 from studies.accuracy.jobs import CUT, Job, random_job
 from studies.accuracy.oracles.closed_forms import ORACLES
 from studies.accuracy.promises import methods
+from tests.laws import DEAR
 from tests.shapes.blocks import area_in_rectangle
 from tests.theory.designs import arguments, random_designs
 from tests.theory.test_closed_forms import numbers
@@ -80,7 +81,6 @@ def test_closed_forms_of_single_precision_are_those_of_the_same_doubles(name):
 
 
 @given(SEEDS)
-@settings(max_examples=25, deadline=None)
 def test_shapes_and_pixels_of_single_precision_are_those_of_the_same_doubles(seed):
     centres, radii = (part.astype(np.float32) for part in discs(seed))
     wide = centres.astype(float), radii.astype(float)
@@ -104,7 +104,6 @@ def test_designs_of_single_precision_are_those_of_the_same_doubles():
 
 
 @given(SEEDS)
-@settings(max_examples=20, deadline=None)
 def test_microlenses_on_the_other_side_are_mirror_images(seed):
     design, (x, y) = camera(seed)
     one, other = evaluate_fields(design, [(x, y), (-x, y)])
@@ -150,7 +149,7 @@ def grown(design, factor):
 
 
 @given(SEEDS, st.sampled_from([2.0**-20, 0.25, 2.0, 2.0**17]))
-@settings(max_examples=20, deadline=None)
+@DEAR
 def test_a_camera_of_another_size_is_the_same_camera(seed, factor):
     """Powers of two: shares to the last bit, lengths and areas with their power."""
     design, (x, y) = camera(seed)
@@ -185,7 +184,6 @@ def test_quantities_in_pixels_do_not_know_the_cameras_size(quantity):
 
 
 @given(SEEDS)
-@settings(max_examples=30, deadline=None)
 def test_what_is_kept_and_what_is_lost_make_the_whole(seed):
     design, axis = camera(seed)
     (field,) = evaluate_fields(design, [axis])
@@ -197,7 +195,7 @@ def test_what_is_kept_and_what_is_lost_make_the_whole(seed):
 
 
 @given(SEEDS, st.floats(1.0001, 3.0), st.sampled_from(["main_lens.diameter", "aperture.diameter", "stops.0.diameter"]))
-@settings(max_examples=40, deadline=None)
+@DEAR
 def test_wider_stops_let_more_light_through(seed, growth, which):
     design, axis = camera(seed)
     rim = Stop(diameter=0.9 * design.D_F + 0.4 * design.D, distance=0.5 * design.d_3 + 1e-3)
@@ -274,7 +272,6 @@ def test_closed_forms_pass_through_their_singular_points(case):
 
 
 @given(SEEDS)
-@settings(max_examples=25, deadline=None)
 def test_shapes_are_continuous_where_discs_touch(seed):
     """Area, losses and pixels on both sides of tangency from outside and inside, a last place apart."""
     rng = np.random.default_rng(seed)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
@@ -25,6 +25,7 @@ from roslf_design.theory.light import sensor_field
 from roslf_design.theory.object_space import ObjectSpaceFaces
 from roslf_design.traced.camera import camera_of, views
 from tests.bore.folded import Folded, SphericalLens, area, from_sensor, outline_by_rays, turned_towards
+from tests.laws import DEAR
 
 PAPER = roslf.load("paper")
 MIRROR = {"kind": "mirror", "distance": 60.0, "angle": math.pi / 4, "azimuth": math.pi / 2, "diameter": 60.0}
@@ -70,7 +71,6 @@ def folded(draw, base=PAPER):
 
 
 @given(folded(), st.integers(0, 10**6))
-@settings(max_examples=50)
 def test_rays_in_unfolded_space_are_those_reflected_in_real_space(design, seed):
     if design is None:
         return
@@ -96,7 +96,7 @@ REAL = {
 
 
 @given(st.data(), st.sampled_from(sorted(REAL)), st.booleans(), st.integers(0, 10**6))
-@settings(max_examples=30)
+@DEAR
 def test_rays_of_real_main_lenses_are_those_reflected_in_real_space(data, name, reversed_, seed):
     """Through its surfaces, then past and off all that stands before it: where they go, and who of them gets there."""
     design = data.draw(folded(REAL[name].replace({"main_lens.reversed": reversed_})))

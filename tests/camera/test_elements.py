@@ -6,7 +6,7 @@ import math
 import mpmath as mp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
@@ -94,7 +94,6 @@ def discs_end_at_rims(design):
 
 
 @given(looking_through())
-@settings(max_examples=80)
 def test_discs_of_stops_against_rays_through_every_face(design):
     if design is not None:
         discs_end_at_rims(design)
@@ -166,7 +165,6 @@ def test_an_object_on_the_windows_face_is_the_limit_of_objects_in_front_of_it():
 
 
 @given(looking_through())
-@settings(max_examples=80)
 def test_the_focal_plane_is_where_rays_of_one_microlens_meet(design):
     if design is None:
         return

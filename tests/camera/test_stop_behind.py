@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import roslf_design as roslf
@@ -22,6 +22,7 @@ from roslf_design.design import Design, DesignError, dumps, loads
 from roslf_design.design.sequence import sequence_of
 from roslf_design.reporting.design.pages import design_report
 from roslf_design.theory.quantities import QUANTITIES
+from tests.laws import DEAR
 from tests.reporting.made import few_builds
 
 F193 = Path(__file__).parents[2] / "studies/instruments/hahne-f193.toml"
@@ -53,7 +54,6 @@ def sharp_edge(f: float, d_f: float, wide: float, t: float, diameter: float) -> 
 
 
 @given(st.floats(0.05, 0.9), st.floats(0.05, 0.4))
-@settings(max_examples=30)
 def test_undistorted_field_is_what_rays_through_lens_and_stop_leave(share: float, wide: float) -> None:
     design = behind(share * 50.0, wide * 50.0 * (1 - share))
     traced = sharp_edge(50.0, 400.0, 30.0, design.aperture.behind, design.D_F)
@@ -66,7 +66,7 @@ def test_field_of_a_pupil_at_minus_60() -> None:
 
 
 @given(st.floats(0.02, 0.95), st.floats(1.0, 8.0), st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
-@settings(max_examples=25)
+@DEAR
 def test_stop_and_pupil_it_is_seen_as_are_one_camera(share: float, wide: float, e: float, lens: float) -> None:
     own = behind(50.0 * share, wide, **{"aperture.decentre": (e, 0.0), "main_lens.decentre": (0.0, lens)})
     seen = own.with_seen_pupil

@@ -85,7 +85,8 @@ class Window:
     def __init__(self, chromium, theme: str = "light") -> None:
         self.complaints: list[str] = []
         self.hosts: set[str] = set()
-        self.context = chromium.new_context(color_scheme=theme, accept_downloads=True)
+        # Nothing moves by itself: what does is drawn sixty times a second for as long as it is waited for.
+        self.context = chromium.new_context(color_scheme=theme, accept_downloads=True, reduced_motion="reduce")
         self.context.set_default_timeout(30_000)
         self.page = self.context.new_page()
         self.page.on("console", lambda m: m.type in ("error", "warning") and self._complained(m.text))

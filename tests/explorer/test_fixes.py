@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import roslf_design as roslf
@@ -13,6 +13,7 @@ from roslf_design.theory.f_number import fill_factor, mismatch_px
 from roslf_design.theory.focused import LEAST_VIEWS, filtered_views
 from roslf_design.theory.light import sensor_field
 from roslf_design.theory.vignetting import field_limit
+from tests.laws import DEAR
 from tests.reporting.made import few_waves
 
 PAPER = roslf.load("paper")
@@ -64,7 +65,7 @@ def room(design):
 
 
 @given(designs())
-@settings(max_examples=12)
+@DEAR
 def test_fixes_do_what_they_say_and_what_is_refused_cannot_be_done(design):
     """The laws below, of one set of fixes: to make it is most of the work."""
     fixes = proposals_of(design)

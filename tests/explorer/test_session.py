@@ -25,6 +25,7 @@ from roslf_design.explorer.state import FIELDS, LIGHT, STEPS, TABS
 from roslf_design.explorer.view import DRAWINGS, glance, lights, with_cards
 from roslf_design.theory.depth_budget import WARMTH
 from tests.explorer.made import made_of
+from tests.pictures.designs import UNLIKE
 from tests.reporting.made import few_builds, without_figures
 
 PAPER = load("paper")
@@ -509,10 +510,11 @@ def test_there_is_no_other_download():
         assert asyncio.run(Session(PAPER).download(name)) is None
 
 
-DARK = PAPER.replace(D=20.0, d_3=180.0)
+LIT = (*map(load, [*UNLIKE, "mismatched-borescope"]), PAPER.replace(D=20.0, d_3=180.0))
+"""Designs of good and of bad verdicts, the last of them dark."""
 
 
-@pytest.mark.parametrize("design", [*map(load, preset_names()), DARK], ids=lambda design: design.name)
+@pytest.mark.parametrize("design", LIT, ids=lambda design: design.name)
 def test_lights_say_what_the_verdicts_say_in_few_letters(design):
     evaluation = evaluate(design.thin_twin)
     shown = lights(evaluation)

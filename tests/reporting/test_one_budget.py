@@ -5,19 +5,17 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
-from roslf_design.design import preset_names
 from roslf_design.evaluation.required import required_of
 from roslf_design.reporting.design.pages import design_report
 from roslf_design.reporting.sheet.lines import basis
 from roslf_design.theory.depth_budget import WARMTH, depth_budget
-from roslf_design.theory.focused import has_views
 from roslf_design.tolerancing.metrics import Question, evaluate_builds
+from tests.pictures.designs import UNLIKE
 from tests.reporting.made import rough_resolution, views_as_refocused
 
 WARM = {"temperature": "20 degC", "range": ["15 degC", "37 degC"], "housing": "stainless steel"}
 SINGLET = roslf.load("paper-singlet").replace({"environment": WARM})
-DESIGNS = {name: roslf.load(name) for name in preset_names()} | {"warm singlet": SINGLET}
-VIEWS = {name: design for name, design in DESIGNS.items() if has_views(Camera.of(design.thin_twin))}
+DESIGNS = {name: roslf.load(name) for name in UNLIKE} | {"warm singlet": SINGLET}
 
 
 @pytest.fixture(autouse=True)
@@ -27,7 +25,7 @@ def _depth_alone(monkeypatch):
     views_as_refocused(monkeypatch)
 
 
-@pytest.mark.parametrize("design", VIEWS.values(), ids=VIEWS)
+@pytest.mark.parametrize("design", DESIGNS.values(), ids=DESIGNS)
 def test_sheet_table_and_evaluation_tell_one_uncertainty(design):
     ahead = float(roslf.evaluate(design).answer.working_distance_mm)
     design = design.replace({"required": {"u_z_mm": {"at": f"{ahead} mm", "max": "1 m"}}})

@@ -5,7 +5,7 @@ from contextvars import ContextVar
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from roslf_design._jit import Kernel
@@ -14,6 +14,7 @@ from roslf_design.shapes.coverage import coverage_image
 from roslf_design.shapes.discs import intersect
 from roslf_design.shapes.lattice import Lattice, lens_centres
 from studies.accuracy.oracles import discs as oracle
+from tests.laws import DEAR
 from tests.shapes.blocks import area_in_rectangle, paper_discs, pixel_areas
 
 disc = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(0.2, 2))
@@ -43,7 +44,7 @@ def test_each_pixel_by_slices(seed):
 
 
 @given(sets, st.floats(0.1, 3), st.floats(-1, 1), st.floats(-1, 1))
-@settings(max_examples=40)
+@DEAR
 @example(np.array([[0.0, 0.0, 1.0], [0.3, -0.2, 1.1]]), 0.05, 0.01, -0.02)
 def test_each_pixel_is_the_exact_cell(discs, pixel, x, y):
     """Two ways of Green: from edge to edge of the pixels, and arc by arc within each rectangle."""

@@ -3,7 +3,7 @@
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import roslf_design as roslf
@@ -25,6 +25,7 @@ from roslf_design.theory.photometry import Beside, electrons
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
 from studies.depth.prediction_proof import rendered_information
+from tests.laws import DEAR
 
 PAPER = roslf.load("paper")
 WARM = roslf.load("cystoscope").replace(
@@ -254,7 +255,6 @@ def test_lines_without_a_number_say_why():
 # --- laws ---------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**31 - 1), st.integers(1, 4))
 def test_calibrated_is_never_worse_than_built(seed, rank):
     rng = np.random.default_rng(seed)
@@ -327,7 +327,6 @@ def test_ends_of_what_a_calibration_can_know():
         assert float(depth_budget(camera, build=exact, calibration=calibration).of_kind("trueness")) == 0.0
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**31 - 1), st.sampled_from([(0,), (1, 2), (3, 0, 1)]), st.integers(0, 3))
 def test_no_calibration_makes_a_camera_worse(seed, known, rank):
     """Of any covariance, perhaps of tied lengths, any information and any data sheet."""
@@ -355,7 +354,7 @@ def test_a_plan_is_no_measurement():
         assert terms(depth_budget(Camera.of(PAPER), calibration=calibration))["lengths as calibrated"].type == kind
 
 
-@settings(max_examples=15, deadline=None)
+@DEAR
 @given(st.floats(0, 0.3), st.floats(0, 0.1), st.floats(0, 100), st.floats(0, 0.4))
 def test_squares_add_up_and_nothing_makes_depth_better(mismatch, prnu, dsnu, veil):
     changes = {"depth.view_mismatch": mismatch, "sensor.prnu": prnu, "sensor.dsnu": dsnu, "light.veil": veil}

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import roslf_design as roslf
@@ -14,6 +14,7 @@ from roslf_design.design import DesignError
 from roslf_design.imaging.render import render
 from roslf_design.scenes import Checkerboard, Plane, Scene
 from roslf_design.theory import focused
+from tests.laws import DEAR
 
 ROOT = Path(__file__).parents[2]
 PAPER = roslf.load("paper")
@@ -223,7 +224,7 @@ def test_the_limit_is_where_half_the_views_are_left():
     assert {caught for share, caught in told if share > 0.45} == {False}
 
 
-@settings(max_examples=30, deadline=None)
+@DEAR
 @given(st.floats(0.03, 0.5), st.floats(0.0, 2.0))
 def test_types_together_are_as_each_alone(f_ml, d_3):
     pair = KEPLER.replace(d_3=d_3).replace(

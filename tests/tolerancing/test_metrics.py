@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from roslf_design.design import Design, load
 from roslf_design.evaluation import evaluate
 from roslf_design.tolerancing.metrics import METRICS, Question, evaluate_builds
 from roslf_design.tolerancing.places import load_grades, nominal_values, perturbable
+from tests.laws import DEAR
 from tests.oracles.tolerance import evaluate_one
 
 EXACT = (
@@ -180,7 +181,7 @@ def test_a_dark_image_keeps_nothing_and_has_no_shape():
         assert fill == pytest.approx(1.00506, rel=1e-3)
 
 
-@settings(max_examples=25)
+@DEAR
 @given(st.integers(0, 10**6), st.floats(0.2, 5.0))
 def test_scaling_all_lengths_scales_lengths_and_leaves_ratios(seed, factor):
     design = load("paper")
@@ -206,7 +207,7 @@ def _scaled(data, factor):
     return data * factor if isinstance(data, float) else data
 
 
-@settings(max_examples=25)
+@DEAR
 @given(st.integers(0, 10**6))
 def test_a_build_seen_in_a_mirror(seed):
     design = load("paper").replace({"stops": [{"diameter": 19.5, "distance": 60.0}]})
