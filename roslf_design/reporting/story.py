@@ -475,7 +475,7 @@ def sheet_of(
     design: Design,
     calibration: Path | PlanOptions | None = None,
     at: Sequence[float] = (),
-    progress: Progress | None = None,
+    progress: CountedProgress = silent,
 ) -> SpreadSources:
     """A single design's data sheet; the rest as for `datasheet_of`."""
     known = None if calibration is None else _known(calibration, design)
