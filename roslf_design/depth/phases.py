@@ -118,7 +118,7 @@ class PhasedViews:
         at = np.interp(disparity, np.maximum.accumulate(disparities + told * (not shared)), np.arange(count))
         if not shared and np.abs(np.interp(at, np.arange(count), told)).mean() < least:
             return None
-        over_view = NodeMap.of(rows, columns, disparity.shape, disparity.shape)
+        over_view = NodeMap.of_views(rows, columns, disparity.shape)
         below = np.minimum(at.astype(int), count - 2)
         if below.size * freed.usable.size > MOST_PLACES:
             below = np.full_like(below, int(np.median(below)))

@@ -145,7 +145,7 @@ class TracedViews:
             seen, more = _over_views(middles, powers_of), _over_views(itself, spread)
         else:
             seen, more = np.zeros((2, 2, 2, len(field.t), len(field.s), *dark.shape), np.float32)
-            over_view = NodeMap.of(rows, columns, dark.shape, dark.shape)
+            over_view = NodeMap.of_views(rows, columns, dark.shape)
             for t, some in enumerate(np.moveaxis(powers, 2, 0)):
                 here, *farther = over_view(some)
                 for _ in range(2):  # what is seen from other microlenses is seen by images cut as there
@@ -228,7 +228,7 @@ class TracedViews:
         good = np.asarray((middle.ok & whole).reshape(4, -1).all(0))
         return np.where(good[:, None, None], apart, np.eye(2))
 
-    def parts(self, field: LightField, places: Array) -> ImageParts | None:
+    def parts(self, camera: Camera, field: LightField, places: Array) -> ImageParts | None:
         """Light in samples of images of which some are cut, as `TracedLens` has it."""
         if not self._any_cut(places):
             return None
@@ -239,7 +239,7 @@ class TracedViews:
         along, up = np.array(SLOW).T
         waves, each = np.stack([along, packing.wave_up(along, up)], -1), []
         for image, between, fap, left in zip(images, apart.diagonal(0, 1, 2), coefficients[2], room, strict=True):
-            sampled = replace(_Sampled.of(self.camera, field, image[None]), apart=tuple(between))
+            sampled = replace(_Sampled.of(camera, field, image[None]), apart=tuple(between))
             powers, inside = sampled.image(image, fap, left)
             around = replace(sampled, wide=APART, steps=(x, y))  # neighbours' images are this one, where those stand
             parts = around(inside * powers[[0, PUPIL_DEGREE + 1, 1]])  # light, and twice its places

@@ -23,15 +23,16 @@ from ..camera import Camera
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import panchromatic
 from ..theory.exit_pupil import microlens_image_pitch
-from ..theory.image_parts import AS_IT_IS, FINEST_PLACES, ImageParts, Read, image_parts, light_read
+from ..theory.image_parts import AS_IT_IS, FINEST_PLACES, STEPS, ImageParts, Read, image_parts, light_read
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus
 from ..theory.stop_images import MicrolensImages
 from .warping import fill_holes
 
-STEP, MOST = 0.05, 400
-"""Cut microlens images are worked out wherever their cut moved by so much of their diameter, and interpolated between;
-at so many places at most."""
+STEP = 0.05
+"""Cut microlens images are worked out wherever their cut moved by so much of their diameter, others lie between."""
+LEAST_NODES, MOST, HELD = 400, 2000, 40_000_000
+"""Places up to which that is done anyway, and at most; light of samples that is held where there are more."""
 WIDER = 0.02
 """Share by which images behind a real lens grow that counts as such a step."""
 BENT = 5e-4
@@ -91,8 +92,11 @@ class TracedLens(Protocol):
     def apart(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """How far neighbours' images lie apart there, against first order, row by column (n, 2, 2)."""
 
-    def parts(self, field: LightField, places: NDArray[np.float64]) -> ImageParts | None:
-        """`ImageParts` where images are cut at some places (n, 2), neighbours' where they lie; None of whole ones."""
+    def parts(self, camera: Camera, field: LightField, places: NDArray[np.float64]) -> ImageParts | None:
+        """`ImageParts` where images are cut at some places (n, 2), neighbours' where they lie; None of whole ones.
+
+        Of microlenses as the camera has them, and the sensor behind them.
+        """
 
     def aside(self, places: NDArray[np.float64], pupil: NDArray[np.float64]) -> NDArray[np.float64]:
         """How far to the side views from points on the FAP (2, n, ...) [diameters] see there [pitches]; likewise."""
@@ -128,8 +132,8 @@ class _Nodes(NamedTuple):
     """As many along each axis as do for what goes slowly from one microlens to the next, as phases of waves."""
 
     @classmethod
-    def of(cls, camera: Camera, places: NDArray[np.float64], real: TracedLens | None) -> _Nodes:
-        """Nodes of places on the array, shape (v, u, 2) [mm]."""
+    def of(cls, camera: Camera, places: NDArray[np.float64], real: TracedLens | None, samples: int) -> _Nodes:
+        """Nodes of places on the array, shape (v, u, 2) [mm], for so many samples of each."""
         size = places.shape[:2]
 
         def spread(counts: Iterable[int]) -> list[NDArray[np.intp]]:
@@ -160,7 +164,8 @@ class _Nodes(NamedTuple):
             counts.append([max(2, math.ceil(far) + 1) for far in (moved / STEP, math.sqrt(bent))])
         few, fine = np.transpose(counts)
         every = np.maximum(few, fine)
-        less = [min(1.0, math.sqrt(MOST / math.prod(each.tolist()))) for each in (few, every)]
+        most = max(LEAST_NODES, min(MOST, HELD // (len(STEPS) * samples)))
+        less = [min(1.0, math.sqrt(most / math.prod(each.tolist()))) for each in (few, every)]
         few, every = (np.maximum(2, (each * part).astype(int)) for each, part in zip((few, every), less, strict=True))
         rows, columns = spread(every)
         return cls(rows, columns, (int(few[0]), int(few[1])))
@@ -199,48 +204,61 @@ class ViewLight:
     @cached_property
     def nodes(self) -> _Nodes:
         """Microlenses whose images are worked out."""
-        return _Nodes.of(self.camera, self.places, self.real)
+        return _Nodes.of(self.camera, self.places, self.real, self.like.s.size * self.like.t.size)
 
     @cached_property
     def parts(self) -> tuple[NDArray[np.intp], NDArray[np.intp], ImageParts]:
         """`ImageParts` of microlenses at some rows and columns of views; of one where all are alike."""
         rows, columns, _ = self.nodes
-        return rows, columns, self._parts_at(self.places[np.ix_(rows, columns)].reshape(-1, 2))
+        return rows, columns, self._parts_at(self.camera, self.places[np.ix_(rows, columns)].reshape(-1, 2), self.like)
 
-    def _parts_at(self, places: NDArray[np.float64]) -> ImageParts:
-        if self.real is not None and (cut := self.real.parts(self.like, places)) is not None:
+    def _parts_at(self, camera: Camera, places: NDArray[np.float64], like: LightField) -> ImageParts:
+        """`ImageParts` at places on the array (n, 2) [mm], of microlenses as a camera has them."""
+        if self.real is not None and (cut := self.real.parts(camera, like, places)) is not None:
             return _of_lenses(cut, np.asarray(cut.light.any((1, 2, 3))))
-        parts = _parts_at(panchromatic(self.camera), places, self.like, self.real)
-        return _nearer(parts, self.camera, places, self.like, self.real)
+        parts = _parts_at(panchromatic(camera), places, like, self.real)
+        return _nearer(parts, camera, places, like, self.real)
 
     @cached_property
-    def _own(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Microlenses' own light at the nodes, and that times its place on the FAP: on average, and its slopes.
+    def _over_sides(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Light at the nodes, on average over microlenses: from each step, and two moments of the own one.
 
-        Shape (3, node, t, s), and (2, node, t, s): how much more light passes their sides than their middles
-        [1/pitch], along u and v, as rims go from one microlens to the next.
+        Shape (step, node, t, s); (2, node, t, s), times its place on the FAP; and (2, t, s, node), how far from the
+        microlens's middle it passed, backwards [pitches]. From one side of a microlens to the other rims go on as from
+        one microlens to the next, and where it is out of focus on the FAP light of the sides lies apart on the sensor.
         """
-        rows, columns, parts = self.parts
-        own = parts.steps.index((0, 0))
-        light = np.stack([parts.light[own], parts.light[own] * parts.x[own], parts.light[own] * parts.y[own]])
-        slopes, side = np.zeros((2, *light.shape[1:])), float(self.camera.d) * self._side
+        (rows, columns, parts), like, d = self.parts, self.like, float(self.camera.d)
+        own, light = parts.steps.index((0, 0)), parts.light.copy()
+        places = light[own] * np.stack([parts.x[own], parts.y[own]])
+        aside = aside_by_cuts(self.camera, like, light[own])
         middles = self.places[np.ix_(rows, columns)].reshape(-1, 2)
+        sides = math.sqrt(LENS_SHAPES[self.camera.lens_shape].variance) * np.array(CORNERS)
 
         def kept(places: NDArray[np.float64]) -> NDArray[np.float64]:
             return _cut(self.camera, places, self.real).shapes.kept_fraction[:, 0]
 
         if len(middles) == 1 or kept(middles).min() >= 1 - 1e-9:
-            return light, slopes
-        sides = [middles + side * np.array(corner) for corner in CORNERS]
-        cut = np.flatnonzero(np.min([kept(places) for places in sides], 0) < 1 - 1e-9)
-        light[:, cut] = 0
-        for corner, places in zip(CORNERS, sides, strict=True):
-            there = self._parts_at(places[cut])
-            own = there.steps.index((0, 0))
-            even = there.light[own] / len(CORNERS)
-            light[:, cut] += [even, even * there.x[own], even * there.y[own]]
-            slopes[:, cut] += np.multiply.outer(np.array(corner) / self._side, even)
-        return light, slopes
+            return light, places, aside
+        cut = np.flatnonzero(np.min([kept(middles + d * side) for side in sides], 0) < 1 - 1e-9)
+        passed = np.zeros((2, cut.size, *light.shape[2:]))
+        light[:, cut] = places[:, cut] = 0
+        sharp = self.camera.replace({}, in_focus=True)
+        apart = float(microlens_defocus(self.camera) * self.camera.d / microlens_image_pitch(self.camera)) * like.pitch
+        for side in sides:
+            along, up = apart * side
+            moved = replace(like, s=like.s - along, t=like.t - up)
+            there = self._parts_at(sharp, middles[cut] + d * side, moved)
+            lit, mine = [step in there.steps for step in parts.steps], there.steps.index((0, 0))
+            even = np.zeros_like(light[:, cut])
+            even[lit] = there.light[[there.steps.index(step) for step in parts.steps if step in there.steps]]
+            even /= len(sides)
+            light[:, cut] += even
+            places[:, cut] += even[own] * np.stack([there.x[mine], there.y[mine]])
+            passed += np.multiply.outer(side, even[own])
+        total = light[own, cut]
+        past = np.divide(passed, total, out=np.zeros_like(passed), where=total > DARKEST)
+        aside[..., cut] = np.moveaxis(np.clip(-past, -FARTHEST, FARTHEST), 1, -1)
+        return light, places, aside
 
     @cached_property
     def places(self) -> NDArray[np.float64]:
@@ -252,25 +270,18 @@ class ViewLight:
         """1, or -1 where the scene is turned round on the FAP."""
         return math.copysign(1.0, float(self.camera.seen.A) * float(self.camera.seen.D_F))
 
-    @property
-    def _side(self) -> float:
-        """Rms of places on a microlens, along each axis [pitches]: two such stand for all of them."""
-        return math.sqrt(LENS_SHAPES[self.camera.lens_shape].variance)
-
     @cached_property
     def _mixed(self) -> tuple[ImageParts, NodeMap, NDArray[np.intp], NDArray[np.float64] | None]:
         """Light in samples, the way from its nodes to lenses, the first lens of each row, and `beside`."""
         rows, columns, parts = self.parts
         field = self.like
         steps = PACKINGS[self.camera.layout].steps
-        parts = _as_they_stand(parts, field.u[columns], field.v[rows], steps, self._side)
-        parts.light[parts.steps.index((0, 0))] = self._own[0][0]
-        lenses = field if field.hexagonal is None else field.hexagonal
-        size = (lenses.values.shape[2], lenses.values.shape[3])
-        start = np.zeros(size[0], int)
+        parts = parts._replace(light=self._over_sides[0])
+        parts = _as_they_stand(parts, field.u[columns], field.v[rows], steps)
+        start = np.zeros(len(field.v), int)
         if field.hexagonal is not None:
             start = np.rint(field.hexagonal.starts - field.v / math.sqrt(3)).astype(int)
-        maps = NodeMap.of(rows, columns, (len(field.v), len(field.u)), size)
+        maps = NodeMap.of_lenses(rows, columns, field)
         places = self.places[np.ix_(rows, columns)].reshape(-1, 2)
         beside = self.beside(places, parts)
         between = _each_between(self.camera, places, field, self.real, parts)
@@ -301,13 +312,13 @@ class ViewLight:
     @cached_property
     def looks(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """`PreparedViews.pupil` and `aside` by first order."""
-        rows, columns, _ = self.parts
-        size = len(self.like.v), len(self.like.u)
-        over_view = NodeMap.of(rows, columns, size, size)
-        (light, *places), slopes = self._own
-        means = [np.divide(at, light, out=np.zeros_like(at), where=light > FAINT) for at in places]
+        rows, columns, parts = self.parts
+        over_view = NodeMap.of_views(rows, columns, (len(self.like.v), len(self.like.u)))
+        light, places, past = self._over_sides
+        own = light[parts.steps.index((0, 0))]
+        means = [np.divide(at, own, out=np.zeros_like(at), where=own > FAINT) for at in places]
         pupil = np.float32(self.side) * np.stack([over_view(np.moveaxis(at, 0, -1)) for at in means])
-        aside = over_view(aside_by_cuts(self.camera, self.like, light, slopes))
+        aside = over_view(past)
         return (pupil[..., 0, 0], aside[..., 0, 0]) if rows.size == 1 else (pupil, aside)
 
     def flat_fielded(self) -> LightField:
@@ -315,7 +326,7 @@ class ViewLight:
         rows, columns, parts = self.parts
         field, total = self.like, parts.light.sum(0)
         lenses = field if field.hexagonal is None else field.hexagonal
-        spread = NodeMap.of(rows, columns, (len(field.v), len(field.u)), lenses.values.shape[2:])
+        spread = NodeMap.of_lenses(rows, columns, field)
         light = spread(np.moveaxis(total / total.max(initial=1e-30), 0, -1))
         lit = light > DARKEST
         gain = np.divide(1, light, out=np.zeros_like(light), where=lit)
@@ -427,25 +438,24 @@ def returned(light: ViewLight, views: PreparedViews, disparity: float) -> float:
 
 
 def _as_they_stand(
-    parts: ImageParts, u: NDArray[np.float64], v: NDArray[np.float64], lattice: NDArray[np.float64], far: float
+    parts: ImageParts, u: NDArray[np.float64], v: NDArray[np.float64], lattice: NDArray[np.float64]
 ) -> ImageParts:
     """Light of neighbours as stops cut it where they stand, not at the nodes, which lie at u and v [pitches].
 
-    On average over microlenses, whose sides lie so `far` from their middles. A cut that moves by a hundredth of a pitch
-    from one microlens to the next sends several hundredths of the light of its rim elsewhere, which views would show as
-    a shift to the side.
+    A cut that moves by a hundredth of a pitch from one microlens to the next sends several hundredths of the light of
+    its rim elsewhere, which views would show as a shift to the side.
     """
     if u.size == v.size == 1:
         return parts
     there = parts.light.reshape(len(parts.steps), v.size, u.size, *parts.light.shape[2:]).copy()
     for light, (along, up) in zip(there, (lattice @ np.transpose(parts.steps)).T, strict=True):
-        light[:] = np.einsum("vw,ux,wxts->vuts", _sides(v, far, up), _sides(u, far, along), light, optimize=True)
+        light[:] = np.einsum("vw,ux,wxts->vuts", _beside(v, up), _beside(u, along), light, optimize=True)
     there = np.maximum(there.reshape(parts.light.shape), 0)
     return parts._replace(light=np.where(parts.light < 0, parts.light, there))
 
 
-def _sides(nodes: NDArray[np.float64], far: float, away: float) -> NDArray[np.float64]:
-    """Shares of the light of nodes in the mean of both sides of microlenses, so far `away` from the nodes, each a row.
+def _beside(nodes: NDArray[np.float64], away: float) -> NDArray[np.float64]:
+    """Shares of the light of nodes in that of places so far `away` from each, a row of each place.
 
     Between nodes light goes by splines, beyond them by straight lines.
     """
@@ -453,25 +463,19 @@ def _sides(nodes: NDArray[np.float64], far: float, away: float) -> NDArray[np.fl
         return np.ones((1, 1))
     from scipy.interpolate import CubicSpline
 
-    spline, mean = CubicSpline(nodes, np.eye(nodes.size)), np.zeros((nodes.size, nodes.size))
-    for place in (nodes + away - far, nodes + away + far):
-        inside = np.clip(place, nodes[0], nodes[-1])
-        mean += (spline(inside) + (place - inside)[:, None] * spline(inside, 1)) / 2
-    return mean
+    spline, inside = CubicSpline(nodes, np.eye(nodes.size)), np.clip(nodes + away, nodes[0], nodes[-1])
+    return np.asarray(spline(inside) + (nodes + away - inside)[:, None] * spline(inside, 1))
 
 
-def aside_by_cuts(
-    camera: Camera, field: LightField, light: NDArray[np.float64], moving: NDArray[np.float64] | float = 0.0
-) -> NDArray[np.float64]:
-    """`PreparedViews.aside` at the nodes, shape (2, t, s, nodes); `moving` are slopes as of `ViewLight._own`.
+def aside_by_cuts(camera: Camera, field: LightField, light: NDArray[np.float64]) -> NDArray[np.float64]:
+    """`PreparedViews.aside` at the nodes, shape (2, t, s, nodes), where all microlenses have this light (nodes, t, s).
 
-    Where a stop is not what the microlenses have in focus on the sensor, it cuts another part of what passes each side
-    of a microlens: a sample at the cut sees more of the scene behind the side that is cut less. The FAP's rim moves by
-    the microlenses' defocus on the way over one of them, other rims move as they do from microlens to microlens.
+    The FAP's rim moves by the microlenses' defocus on the way over one of them: a sample at the rim sees more of the
+    scene behind the side that is cut less.
     """
     variance = LENS_SHAPES[camera.lens_shape].variance
     blur = -float(microlens_defocus(camera) * camera.d / microlens_image_pitch(camera))
-    slopes = moving + np.stack(
+    slopes = np.stack(
         [blur * np.gradient(light, at / field.pitch, axis=axis) for axis, at in ((2, field.s), (1, field.t))]
     )
     share = np.divide(slopes, light, out=np.zeros_like(slopes), where=light > DARKEST)
@@ -750,17 +754,26 @@ class NodeMap(NamedTuple):
     """Nodes in a row of them."""
 
     @classmethod
-    def of(
-        cls, rows: NDArray[np.intp], columns: NDArray[np.intp], nodes: tuple[int, int], size: tuple[int, int]
-    ) -> NodeMap:
-        """For nodes at some `rows` and `columns` of as many as `nodes` says, over which `size` lenses are spread."""
+    def of(cls, rows: NDArray[np.intp], columns: NDArray[np.intp], row: NDArray[Any], column: NDArray[Any]) -> NodeMap:
+        """For nodes at some `rows` and `columns` of views, over which lenses lie at a `row` and `column`, (v, u)."""
         befores, parts = [], []
-        for places, of, count in zip((rows, columns), nodes, size, strict=True):
-            at = np.interp(np.arange(count) * ((of - 1) / max(count - 1, 1)), places, np.arange(places.size))
+        for places, lenses in ((rows, row), (columns, column)):
+            at = np.interp(lenses, places, np.arange(places.size))
             befores.append(np.clip(np.floor(at), 0, max(places.size - 2, 0)).astype(np.int64))
             parts.append((at - befores[-1]).astype(np.float32))
-        down, along = (np.ascontiguousarray(part) for part in np.broadcast_arrays(parts[0][:, None], parts[1]))
-        return cls(befores[0][:, None] * columns.size + befores[1], down, along, columns.size)
+        down, along = (np.ascontiguousarray(part) for part in np.broadcast_arrays(*parts))
+        return cls(befores[0] * columns.size + befores[1], down, along, columns.size)
+
+    @classmethod
+    def of_views(cls, rows: NDArray[np.intp], columns: NDArray[np.intp], size: tuple[int, int]) -> NodeMap:
+        """For views' own rows and columns, so many of them."""
+        return cls.of(rows, columns, *np.ogrid[: size[0], : size[1]])
+
+    @classmethod
+    def of_lenses(cls, rows: NDArray[np.intp], columns: NDArray[np.intp], field: LightField) -> NodeMap:
+        """For the lenses of a light field where they stand, in a hexagonal array between its views' columns."""
+        (row, _), column = _on_grid(field)
+        return cls.of(rows, columns, row, np.clip(column, 0, len(field.u) - 1))
 
     def __call__(self, values: NDArray[np.float64]) -> NDArray[np.float32]:
         """From the nodes, shape (..., nodes), to all lenses, shape (..., v, u); (..., 1, 1) of a single node."""

@@ -125,7 +125,7 @@ class Grown:
     def aside(self, places, pupil):
         return np.zeros_like(pupil)
 
-    def parts(self, field, places):
+    def parts(self, camera, field, places):
         return None
 
 

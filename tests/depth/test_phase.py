@@ -253,13 +253,40 @@ def test_neighbours_light_is_cut_where_they_stand():
         return image_parts(images, at, at)
 
     some, neighbour = parts(u), parts([-121.0])
-    stood = as_they_stand(some, u, np.zeros(1), np.eye(2), 0.0)
+    stood = as_they_stand(some, u, np.zeros(1), np.eye(2))
     left, own = some.steps.index((-1, 0)), some.steps.index((0, 0))
     alike, moved = (np.abs(one.light[left, 1] - neighbour.light[left, 0]).max() for one in (some, stood))
     # The cut moves by 0.02 pitches from one to the next; between nodes the rim's profile is nearly straight.
     assert alike > 0.05
     assert moved < 0.1 * alike
     np.testing.assert_allclose(stood.light[own], some.light[own], rtol=0, atol=1e-15)
+
+
+def test_light_of_cut_images_is_that_of_a_white_picture_where_hexagonal_microlenses_are_out_of_focus():
+    """A rim that crosses images within three microlenses, sides of which send light apart: what rays make of it."""
+    design = Design.make({
+        "name": "out of focus",
+        "main_lens": {"focal_length": 25.239, "diameter": 10.707, "focal_plane": 188.8},
+        "aperture": {"diameter": 0.42713, "distance": 76.381},
+        "microlens_array": {
+            "pitch": 0.061357, "focal_length": 1.8871, "size": [3.62, 3.02], "layout": "hexagonal",
+            "lens_shape": "circular",
+        },
+        "sensor": {"distance": 1.8871, "pixel": 5.0695e-3, "size": [3.0214, 2.2661]},
+        "light": {"wavelength": 0.000604},
+    })  # fmt: skip
+    camera, geometry_of = Camera.of(design), ArrayGeometry(design)
+    scene = make_scene({"objects": [{"kind": "plane", "distance": design.d_f}]})
+    framed = Framed.of(design, scene, Region(27, 129, 100, 150))
+    _, white = (image.pixels for image in Unexposed.of(design, scene, framed, rays=64))
+    field = Decoder.of(lattice_of(camera, framed.wide), white.shape, reach=geometry_of.reach)(white)
+    lenses = geometry_of.viewing(field).light.flat_fielded().hexagonal
+    inner = np.zeros(lenses.values.shape[2:], bool)
+    inner[3:-3, 3:-3] = True
+    evened = lenses.values[(lenses.weight > 0.4) & inner]
+    assert evened.size > 2000
+    # Neighbours' light in the corners of images is interpolated between microlenses that the rim cuts unlike.
+    assert np.sqrt(((evened / np.median(evened) - 1) ** 2).mean()) < 0.1
 
 
 def test_views_of_images_cut_within_few_microlenses_look_where_gratings_are_seen():

@@ -227,7 +227,7 @@ def test_images_between_those_worked_out_are_as_snell_has_them(design):
     light = ViewLight(camera, like, TracedViews(design, camera, lambda b: depth_of(camera, b)))
     rows, columns, _ = light.nodes
     known = np.stack([oracle.image(place)[1] for place in light.places[np.ix_(rows, columns)].reshape(-1, 2)])
-    over = NodeMap.of(rows, columns, (v.size, u.size), (v.size, u.size))(np.moveaxis(known, 0, -1))
+    over = NodeMap.of_views(rows, columns, (v.size, u.size))(np.moveaxis(known, 0, -1))
     some = [(4, 4), (16, 16), (8, 24), (27, 5)]
     off = [over[..., row, column] - oracle.image(light.places[row, column])[1] for row, column in some]
     assert np.abs(off).max() < 1e-3 * np.abs(known).max()
@@ -258,7 +258,7 @@ def test_views_between_places_worked_out_look_as_snell_has_them():
 
     rows, columns, _ = light.nodes
     known = np.stack([beside(place) for place in light.places[np.ix_(rows, columns)].reshape(-1, 2)])
-    over = NodeMap.of(rows, columns, (v.size, u.size), (v.size, u.size))(known.T)
+    over = NodeMap.of_views(rows, columns, (v.size, u.size))(known.T)
     some = [(11, 11), (6, 17), (2, 5)]
     off = [over[..., row, column] - beside(light.places[row, column]) for row, column in some]
     assert np.abs(off).max() < 0.01
