@@ -16,9 +16,9 @@ from typing import Any
 from .bench.acceptance import PLACED, RESULT, Acceptance, accepted, built_lengths
 from .bench.captures import read_bench
 from .bench.check import BenchCheck, checked
-from .calibration import Outcome
 from .calibration.options import CalibrateOptions, PlanOptions
 from .calibration.outcome import calibrated
+from .calibration.result import Outcome
 from .calibration.written import FILE, calibration_files
 from .depth.captured import MeasuredCapture
 from .depth.decoded import Decoded, DecodeOptions, decoded

@@ -14,8 +14,10 @@ import os
 import re
 import signal
 import sys
+import threading
+from importlib.abc import Loader
 from importlib.machinery import ModuleSpec, PathFinder
-from importlib.util import LazyLoader
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ._version import __version__
@@ -33,10 +35,11 @@ PATIENCE = 2.0
 SELDOM_USED = frozenset(
     {
         *("numpy.f2py", "numpy.testing", "numpy._core._add_newdocs", "numpy._core._add_newdocs_scalars"),
-        *("importlib.metadata._adapters", "secrets", "shutil", "zipfile"),
+        *("importlib.metadata._adapters", "secrets", "shutil", "yaml", "zipfile"),
+        "scipy.special",  # of scipy.ndimage
     }
 )
-"""Modules that numpy, scipy and pydantic import, slow ones, and commands do not use."""
+"""Modules that numpy, scipy, numba and pydantic import, slow ones, and commands use seldom or never."""
 YOUNG = 20_000
 """Objects made before Python looks for cycles that nothing holds any more."""
 
@@ -226,6 +229,39 @@ def _advise(is_warm: bool) -> None:
         print(f"roslf: {seconds:.0f} s of this were for code that is not compiled yet; {advice}", file=sys.stderr)
 
 
+class _Later(Loader):
+    """Loader of a module that is executed when somebody asks for what is in it.
+
+    Whichever thread asks: importlib's own shows others half a module, before Python 3.12.
+    """
+
+    def __init__(self, loader: Loader) -> None:
+        self.loader = loader
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
+        """Make a module as its own loader does."""
+        return self.loader.create_module(spec)
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Wait with it."""
+        lock, names, begun = threading.RLock(), vars(module), False
+        names["__loader__"] = self.loader
+
+        def asked(name: str) -> Any:
+            nonlocal begun
+            with lock:
+                if not begun:
+                    begun = True
+                    self.loader.exec_module(module)
+            if name in names:
+                return names[name]
+            if names["__getattr__"] is not asked:
+                return names["__getattr__"](name)
+            raise AttributeError(f"module {module.__name__!r} has no attribute {name!r}")
+
+        names["__getattr__"] = asked
+
+
 class _Lazily:
     """Finder of modules that are executed when somebody asks for what is in them."""
 
@@ -234,7 +270,7 @@ class _Lazily:
         """Find one that is seldom used, and none else."""
         spec = PathFinder.find_spec(name, path, target) if name in SELDOM_USED else None
         if spec is not None and spec.loader is not None:
-            spec.loader = LazyLoader(spec.loader)
+            spec.loader = _Later(spec.loader)
         return spec
 
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from ..calibration.centres import find_centres
 from ..calibration.decoding import Decoder
+from ..calibration.designed import image_pitch, undistorted_radius
 from ..calibration.frames import Array, CalibrationError, ColourBalance, Frame, Image, grey_frame, same_size
 from ..calibration.lattice import CentreLattice
 from ..calibration.raw import OTHER_CAMERA
-from ..calibration.result import image_pitch, undistorted_radius
 from ..design import Design
 from ..theory.colours import filters
 

@@ -17,6 +17,7 @@ from ..toml_files import nearest, read_toml, validated
 from .centres import MicrolensCentres, find_centres
 from .corners import observe
 from .decoding import Decoder, LightField, Samples
+from .designed import image_pitch, undistorted_radius
 from .diffraction import Corners, Corrected, WhiteImage
 from .distortion import Distortion, with_distortion
 from .fit import Calibration, StatisticsFit, calibrate
@@ -27,7 +28,7 @@ from .options import BoardDistances, CalibrateOptions, data_sheet
 from .planning import camera_of
 from .posterior import CameraDraws, laplace_draws, most_steps_for, sample_posterior, sample_size_for
 from .raw import NoLatticeError, full_scale
-from .result import LAPLACE_DRAWS, Outcome, image_pitch, outcome_of, undistorted_radius
+from .result import LAPLACE_DRAWS, Outcome, outcome_of
 from .sidedata import SideDatum, board_distances, white_pitch
 from .space import in_medium
 from .white_profile import WhiteFrame

@@ -16,6 +16,7 @@ from ..errors import InputError, Problem, refusal
 from ..theory.colours import filters
 from .centres import MicrolensCentres, find_centres, find_centres_in_scene
 from .decoding import LightField, decode
+from .designed import image_pitch, undistorted_radius
 from .frames import (
     CalibrationError,
     ColourBalance,
@@ -26,7 +27,6 @@ from .frames import (
     same_size,
     saturation_level,
 )
-from .result import image_pitch, undistorted_radius
 from .white_profile import WhiteFrame
 
 OTHER_CAMERA = 0.02

@@ -14,10 +14,9 @@ from ..accuracy.statement import Accuracy
 from ..camera import Camera
 from ..design import PATHS, Design
 from ..tables import BriefValue
-from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.length_covariance import CalibratedLengths
-from ..theory.vignetting import field_limit
 from .centres import MicrolensCentres
+from .designed import image_pitch, undistorted_radius
 from .diffraction import Corrected, DiffractionCheck
 from .distortion import Distortion
 from .fit import Calibration
@@ -503,20 +502,3 @@ def _diffraction_dict(check: DiffractionCheck, sheet: DataSheet) -> dict[str, ob
         "baseline": check.baseline,
         "without": without,
     }
-
-
-def undistorted_radius(design: Design) -> float:
-    """Radius on the sensor inside which no rim cuts into a microlens image [px].
-
-    Inf where none ever does, 0 where some rim cuts even on the axis. Eq. 6 for the main lens and every stop, carried
-    from the focal plane to the sensor.
-    """
-    c = Camera.of(design)
-    bound = field_limit(c).mla_radius
-    return bound * image_pitch(design) / design.d if math.isfinite(bound) else math.inf
-
-
-def image_pitch(design: Design) -> float:
-    """Pitch of the microlens images by the design [px]."""
-    c = Camera.of(design)
-    return abs(float(microlens_image_pitch(c) / c.q))

@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationError, model_validator
@@ -20,7 +20,9 @@ from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.limits import as_design
 from ..toml_files import problems_of
 from .noise import MeasuredSensor
-from .result import Outcome
+
+if TYPE_CHECKING:
+    from .result import Outcome
 
 FILE, CALIBRATED, SCHEMA = "calibration.json", "calibrated.toml", "roslf.calibration/"
 REMEDY = "name the folder that roslf calibrate wrote"

@@ -12,7 +12,7 @@ from ..bench.acceptance import RESULT, accepted, built_lengths
 from ..bench.captures import ACCEPTANCE, CALIBRATION, DESIGN, SETUP, read_bench
 from ..bench.check import checked
 from ..bench.protocol import Protocol
-from ..calibration import CalibrationError
+from ..calibration.frames import CalibrationError
 from ..calibration.model import relative_sigma
 from ..calibration.options import PlanOptions
 from ..design import dumps

@@ -9,11 +9,12 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 from pydantic import Field
 
-from ..calibration import CalibrationError, Outcome
+from ..calibration.frames import CalibrationError
 from ..calibration.options import CalibrateOptions, PlanOptions, PoseOptions, SheetOptions, calibration_plan, plan_cover
 from ..calibration.outcome import calibrated
 from ..calibration.planning import smaller_board, too_large
 from ..calibration.posterior import sample_size_for
+from ..calibration.result import Outcome
 from ..calibration.written import CALIBRATED, calibration_files
 from ..errors import Problem, refusal
 from ..json_data import plain

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..calibration import CalibrationError
-from ..calibration.frames import grey_frame
+from ..calibration.frames import CalibrationError, grey_frame
 from ..calibration.lattice import amplitude_spectrum, lit_part
 from ..calibration.outcome import NoCameraError
 from ..calibration.raw import NoLatticeError

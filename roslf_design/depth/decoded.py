@@ -13,9 +13,9 @@ import numpy as np
 from pydantic import Field
 
 from ..calibration.decoding import LightField
+from ..calibration.designed import image_pitch
 from ..calibration.raw import OTHER_CAMERA, RawSource, from_raw
 from ..calibration.refocusing import CameraDistances, Distances, FocusPlane, focus_stack
-from ..calibration.result import image_pitch
 from ..calibration.white_profile import WhiteProfile
 from ..calibration.written import calibrated_design
 from ..camera import Camera

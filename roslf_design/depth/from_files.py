@@ -13,10 +13,10 @@ from pydantic import Field
 
 from .._arrays import by_value
 from ..calibration.decoding import LightField
+from ..calibration.designed import image_pitch
 from ..calibration.frames import CalibrationError
 from ..calibration.model import relative_sigma
 from ..calibration.raw import OTHER_CAMERA, RawDecoded, from_raw
-from ..calibration.result import image_pitch
 from ..calibration.written import calibrated_camera, calibrated_sensor
 from ..camera import Camera
 from ..design import Design

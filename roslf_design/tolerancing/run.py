@@ -8,7 +8,6 @@ a pilot run. A value at nominal (an unclipped image keeps exactly 1) has a bin o
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import json
 import logging
@@ -329,6 +328,8 @@ def _on_cluster(work: Work, indices: Sequence[int], address: str, workers: int) 
 
 def _ask(address: str) -> None:
     """Refuse an address where no scheduler answers; a Client would take 20 s to give it up, and log why at length."""
+    import asyncio  # a fiftieth of a second, with what it needs
+
     import distributed
 
     untyped: Any = distributed

@@ -19,8 +19,8 @@ from captures import CELL, CELLS, KINDS, make
 from pictures import draw_images, draw_intervals, draw_shifts
 
 import roslf_design as roslf
-from roslf_design.calibration import CalibrationError, Observations
-from roslf_design.calibration.model import QUANTITIES, UNITS
+from roslf_design.calibration.frames import CalibrationError
+from roslf_design.calibration.model import QUANTITIES, UNITS, Observations
 from roslf_design.calibration.result import Outcome
 from roslf_design.camera import Camera
 from roslf_design.design import Design, load

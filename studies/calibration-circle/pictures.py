@@ -9,7 +9,7 @@ import numpy as np
 from captures import FULL_SCALE
 from matplotlib.figure import Figure
 
-from roslf_design.calibration import decode
+from roslf_design.calibration.decoding import decode
 from roslf_design.calibration.frames import read_image
 from roslf_design.calibration.model import QUANTITIES
 from roslf_design.calibration.result import Outcome

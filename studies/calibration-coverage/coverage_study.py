@@ -14,18 +14,11 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from roslf_design.bore.conjugates import focal_plane_distance
-from roslf_design.calibration import (
-    CalibrationError,
-    Captures,
-    DataSheet,
-    Intrinsics,
-    calibrate,
-    laplace_draws,
-    random_poses,
-    sample_posterior,
-    sheet_of,
-    synthetic_observations,
-)
+from roslf_design.calibration.fit import calibrate
+from roslf_design.calibration.frames import CalibrationError
+from roslf_design.calibration.model import DataSheet, Intrinsics, sheet_of
+from roslf_design.calibration.planning import Captures, random_poses, synthetic_observations
+from roslf_design.calibration.posterior import laplace_draws, sample_posterior
 from roslf_design.design import load
 from roslf_design.design.files import write_atomically
 from roslf_design.drawing.axes import BLUE, GREEN, GREY, INK, PALE, VERMILLION, drawing, to_png

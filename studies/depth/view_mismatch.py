@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from roslf_design.calibration import Board, observe_pictures
 from roslf_design.calibration.centres import find_centres
+from roslf_design.calibration.corners import observe_pictures
 from roslf_design.calibration.decoding import LightField
 from roslf_design.calibration.fit import _step_one, fit_lines
 from roslf_design.calibration.frames import grey_frame, read_image
-from roslf_design.calibration.model import project_boards, rotation_matrix
+from roslf_design.calibration.model import Board, project_boards, rotation_matrix
 from roslf_design.depth.captured import QUIET, disagreement, measured_noise, measured_with_noise, scaled, searched
 from roslf_design.depth.estimate import DisparityMap, PixelNoise, estimate_disparity
 from roslf_design.depth.geometry import GridGeometry

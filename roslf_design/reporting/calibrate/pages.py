@@ -11,17 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 from ..._arrays import by_value
 from ..._version import __version__
-from ...calibration import (
-    CapturePlan,
-    Reason,
-    derived,
-)
+from ...calibration.centres import Reason
 from ...calibration.cover import BoardCover
 from ...calibration.fit import VISIBLE
 from ...calibration.misfit import DISAGREE
-from ...calibration.model import QUANTITIES, UNITS
+from ...calibration.model import QUANTITIES, UNITS, derived
 from ...calibration.options import PlanOptions, calibration_plan, lengths_after, plan_cover, wider_board
-from ...calibration.planning import LEAST_GAIN, NO_GAIN, smaller_board, too_large
+from ...calibration.planning import LEAST_GAIN, NO_GAIN, CapturePlan, smaller_board, too_large
 from ...calibration.result import LAPLACE, Outcome
 from ...calibration.space import SceneSide
 from ...calibration.written import file_in, read_numbers
