@@ -34,7 +34,7 @@ PATIENCE = 2.0
 """Seconds of a command for want of machine code from which on it says what would save them."""
 SELDOM_USED = frozenset(
     {
-        *("numpy.f2py", "numpy.testing", "numpy._core._add_newdocs", "numpy._core._add_newdocs_scalars"),
+        *("numpy.f2py", "numpy.ma", "numpy.testing", "numpy._core._add_newdocs", "numpy._core._add_newdocs_scalars"),
         *("importlib.metadata._adapters", "secrets", "shutil", "yaml", "zipfile"),
         "scipy.special",  # of scipy.ndimage
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -26,13 +27,20 @@ def typesetter(root: Path, document: bytes) -> typst.Compiler:
     """
     import typst
 
-    # Finding the fonts needs no import of matplotlib.
+    (root / "main.typ").write_bytes(document)
+    return typst.Compiler(root / "main.typ", root=root, font_paths=_fonts())
+
+
+@cache
+def _fonts() -> typst.Fonts:
+    """Fonts of all pictures and pages: looking for them takes as long as a picture."""
+    import typst
+
+    # Finding them needs no import of matplotlib.
     matplotlib = find_spec("matplotlib")
     assert matplotlib is not None
     home = Path(next(iter(matplotlib.submodule_search_locations or ())))
-    (root / "main.typ").write_bytes(document)
-    fonts = [home / "mpl-data" / "fonts" / "ttf"]
-    return typst.Compiler(root / "main.typ", root=root, font_paths=fonts, ignore_system_fonts=True)
+    return typst.Fonts(include_system_fonts=False, font_paths=[home / "mpl-data" / "fonts" / "ttf"])
 
 
 def typeset(compiler: typst.Compiler, form: Literal["pdf", "png"] = "pdf", **more: Any) -> bytes:
