@@ -1,13 +1,15 @@
 """The command line as a script sees it: output, exit code, one line for each thing wrong."""
 
+import importlib
 import json
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from roslf_design import evaluate, load, preset_names, save
+from roslf_design import cli, evaluate, load, preset_names, save
 from roslf_design.cli import COMMANDS, main
 from roslf_design.errors import printable
 
@@ -263,3 +265,17 @@ def test_a_file_is_written_over_its_earlier_self_alone_and_says_so(capsys, tmp_p
     assert place.read_bytes() == first
     code, _, err = run(capsys, *command, *other, "-o", place)
     assert (code, said in err, place.read_bytes() != first) == (0, bool(other), bool(other))
+
+
+def test_a_module_that_waits_is_whole_for_every_thread(tmp_path, monkeypatch):
+    (tmp_path / "waiting_module.py").write_text("import time\nEARLY = 1\ntime.sleep(0.05)\nLATE = 2\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(cli, "SELDOM_USED", frozenset({"waiting_module"}))
+    monkeypatch.setattr(sys, "meta_path", [cli._Lazily, *sys.meta_path])
+    module = importlib.import_module("waiting_module")
+    monkeypatch.delitem(sys.modules, "waiting_module")
+    assert "EARLY" not in vars(module)
+    with ThreadPoolExecutor(8) as pool:
+        assert list(pool.map(lambda _: module.LATE + module.EARLY, range(8))) == [3] * 8
+    with pytest.raises(AttributeError, match="'waiting_module' has no attribute 'NEVER'"):
+        _ = module.NEVER
