@@ -404,23 +404,22 @@ def spread_of_zones(
     """
     count, _, rows, columns = zones.shape
     for v in prange(rows, band):
-        whole, sums = np.ones(count), _room(columns)
+        inside = np.flatnonzero(some[v])
+        if not inside.size:
+            continue
+        # Those between are added up as well: calls are dear of few.
+        start, stop, whole, sums = inside[0], inside[-1] + 1, np.ones(count), _room(columns)
         total, moment = sums[:2]
         _whole(zones, v, whole)
-        stop = 0
-        while stop < columns:
-            start, stop = stop, stop + 1
-            if not some[v, start]:
-                continue
-            while stop < columns and some[v, stop]:
-                stop += 1
-            for c in range(candidates.size):
-                _clear(sums, start, stop)
-                _add_zones(zones, cells, picture[v], candidates[c], steps, whole, v, start, stop, sums)
-                _spread(sums, start, stop, squares[c, v], freedom[c, v])
-                for u in range(start, stop):
-                    if total[u] > 0:
-                        mean[c, v, u] = picture[v, u] + moment[u] / total[u]
+        for c in range(candidates.size):
+            _clear(sums, start, stop)
+            _add_zones(zones, cells, picture[v], candidates[c], steps, whole, v, start, stop, sums)
+            _spread(sums, start, stop, squares[c, v], freedom[c, v])
+            for u in range(start, stop):
+                if not some[v, u]:
+                    squares[c, v, u], freedom[c, v, u] = 0.0, 0.0
+                elif total[u] > 0:
+                    mean[c, v, u] = picture[v, u] + moment[u] / total[u]
 
 
 @kernel(parallel=True)
