@@ -24,7 +24,7 @@ CLEARLY = 0.6
 """Share of the named order's disagreement between views below which another order is believed. In the right order views
 of a Lytro disagree by 0.2 to 0.6 of what they do in the next best; where nothing moves between views, by the same."""
 
-MUCH_MORE = 2.0
+MUCH_MORE = 1.7
 """Times as much of what neighbouring views differ by that movement explains in the named order as in any other, from
 which no more is looked at: 2.5 to 20 times in views as they are named, 1.3 at most in others."""
 BEYOND_DOUBT = 2.0

@@ -790,7 +790,8 @@ def common(
                     shown, weights = each[slot[k], 0], each[slot[k], 1]
                     for i in range(some):
                         shown[own[i], at[i]], weights[own[i], at[i]] = value[i] + expected[i], weight[i]
-                _add_moments(lit, weight, pupils[0], pupils[1], value, kept[0, g], kept[1, h], sums)
+                if out.shape[0]:
+                    _add_moments(lit, weight, pupils[0], pupils[1], value, kept[0, g], kept[1, h], sums)
             _centre(expected, sums)
             for a in range(out.shape[0]):
                 here, there = out[a], sums[a]

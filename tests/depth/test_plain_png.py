@@ -47,4 +47,4 @@ def test_what_else_a_png_may_be_is_left_to_pillow():
         png(0, 9, 0, b""), png(9, 0, 0, bytes(9)), good[:60], good[:20], b"", good.replace(b"IDAT", b"IDOT"),
     ]  # fmt: skip
     assert [unpacked(content, MOST) for content in others] == [None] * len(others)
-    assert unpacked(good, 80) is None
+    assert unpacked(good, 80) is None  # of 81 pixels
