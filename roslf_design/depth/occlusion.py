@@ -496,7 +496,8 @@ def past_edges(
         tried, settled = settled.chosen, _Settled.none(len(quarters), wanted.shape)
         for side in sides_about(np.where(known, found.disparity, disparity), near):
             few(each, side, first.picture).settle(own, SIZES[0], tried, settled)
-        wide = ndimage.binary_opening(wanted, np.ones((SIZES[0], SIZES[0]), np.bool_)) & last
+        within = ndimage.minimum_filter(wanted & last, SIZES[0], mode="constant")
+        wide = ndimage.maximum_filter(within, SIZES[0])
         about = ndimage.binary_dilation(wide, iterations=4)
         for number, quarter in enumerate(quarters if wide.any() else ()):
             along = np.where(about, search(quarter.views, about), np.nan)
@@ -529,7 +530,7 @@ def _behind(
     known = np.where(np.isfinite(found.sigma), found.disparity, disparity)
     farther = ndimage.minimum_filter(np.where(np.isnan(known), np.inf, known), _FATTENED)
     beside = known - farther > _DEPTH_STEP
-    about = ndimage.binary_dilation(beside, np.ones((SIZES[0], SIZES[0]), np.bool_))
+    about = ndimage.maximum_filter(beside, SIZES[0])
     untried = np.full((len(quarters), *known.shape), np.nan)
     each, own = _few_of(quarters)
     here, behind = (_Settled.none(len(quarters), known.shape) for _ in range(2))

@@ -360,8 +360,5 @@ def gradient(picture: Array, lit: Flags, steps: tuple[float, float]) -> tuple[Ar
     slopes = []
     for axis, step in ((1, steps[0]), (0, steps[1])):
         spline = ndimage.spline_filter1d(filled[0].astype(float), 5, axis=axis, mode="mirror")
-        reach = [(2, 2) if k == axis else (0, 0) for k in (0, 1)]
-        padded, size = np.pad(spline, reach, mode="reflect"), spline.shape[axis]
-        a, b, c, d = (padded[:, k : k + size] if axis else padded[k : k + size] for k in (0, 1, 3, 4))
-        slopes.append((d - a + 10 * (c - b)) / (24 * step))
+        slopes.append(ndimage.correlate1d(spline, np.array([-1, -10, 0, 10, 1]) / (24 * step), axis, mode="mirror"))
     return slopes[0], slopes[1], ndimage.binary_erosion(lit, border_value=1)
