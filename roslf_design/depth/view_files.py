@@ -21,7 +21,6 @@ from ..calibration.decoding import LightField, Samples
 from ..calibration.frames import LARGEST, CalibrationError, grey_frame, read_image_and_notes
 from ..errors import InputError, Problem
 from ..input_files import DAMAGED, MOST_SAMPLES, check_file, read_bytes, read_text
-from .plain_png import unpacked
 
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
 PARAMETERS = "parameters.cfg"
@@ -167,9 +166,8 @@ def _places(folder: Path, across: int | None) -> dict[tuple[int, int], Path]:
 
 def _view(path: Path) -> tuple[Samples, Any]:
     """Picture of a view, and where something was measured, if not everywhere."""
-    plain = unpacked(read_bytes(path, str(path)), MOST_SAMPLES) if path.suffix.lower() == ".png" else None
     try:
-        pixels, notes = read_image_and_notes(path) if plain is None else (plain, {})
+        pixels, notes = read_image_and_notes(path)
         view = grey_frame(pixels, None, "view")
     except CalibrationError as error:
         said = str(error).removeprefix(f"{path.name} ")
