@@ -455,8 +455,8 @@ def _tables(result: Result) -> Iterator[Table]:
             "Multiplier: what the goals together, the weighted mean of their logarithms, gain, both scaled. "
             "Relaxing, for small steps: a limit that gives way by one unit makes "
         )
-        caption += "the goal so much better." if single else "the goals together so many percent better."
-        yield Table.of(answer.active, columns, "Active constraints", caption)
+        gains += "the goal so much better." if single else "the goals together so many percent better."
+        yield Table.of(answer.active, columns, "Active constraints", gains)
     if answer.stages:
         rows = tuple((s.goal, f"{s.value:.6g}", s.held) for s in answer.stages)
         yield Table(rows, "ldl", ("goal, in order", "best", "held for the later ones"), "Lexicographic order")
