@@ -21,6 +21,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from ..design.files import in_the_way, write_atomically
+from ..drawing.typeset import PNG_HEAD, PNG_MARK
 from ..errors import OTHER_PLACE, Argument, InputError, Problem, printable, refusal
 from ..options import check_distances, check_seed
 from ..words import about_time
@@ -251,13 +252,25 @@ def write_file(target: Path, content: bytes) -> None:
 
 
 def _beginning(content: bytes, kind: str) -> Any:
-    """Beginning that earlier and later files of a command share: a table's headings, JSON's schema and design."""
-    if kind == ".csv":
-        return content.splitlines()[:1]
-    if kind == ".json":
-        with suppress(ValueError, AttributeError):
-            data = json.loads(content)
-            return data.get("schema"), data.get("design")
+    """Mark that earlier and later files of a command share; of a table without a schema its headings alone."""
+    with suppress(ValueError, AttributeError, TypeError, RecursionError):
+        match kind:
+            case ".csv":
+                first, *more = content.splitlines()[:2]
+                return first, *(line for line in more if line.startswith(b"schema,"))
+            case ".json":  # Optiland's has no schema
+                data = json.loads(content)
+                return (data["schema"], data.get("design")) if "schema" in data else (*data, data.get("name"))
+            case ".svg":
+                return re.findall(rb'^<svg [^>]*data-testid="(picture-[^"-]+)', content, re.MULTILINE)
+            case ".png":
+                return content[PNG_HEAD : PNG_HEAD + len(PNG_MARK)]
+            case ".zmx":
+                return content.splitlines()[3:4]  # our note
+            case ".parquet":
+                from pyarrow.parquet import read_schema
+
+                return read_schema(io.BytesIO(content)).names
     return content[:4]
 
 
@@ -290,7 +303,7 @@ def check_study(folder: Path, name: str, file: Path) -> None:
     """Refuse a folder with results of another study, or of another file that is still there, as of one copied."""
     results = folder / "results.json"
     held = own = f"{name} in {file}"  # where there is nothing, an older one that does not say its file, or that moved
-    with suppress(OSError, ValueError, LookupError, TypeError):
+    with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
         data = json.loads(results.read_bytes())
         other = (folder / data["file"]).resolve()
         if data["study"] != name or not other.samefile(file):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import zlib
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,6 +16,11 @@ if TYPE_CHECKING:
 
 POINTS = 0.75
 """Points a pixel."""
+PNG_HEAD = 33
+"""Bytes of a PNG's signature and first chunk."""
+_SAID = b"tEXtSoftware\0roslf_design"
+PNG_MARK = (len(_SAID) - 4).to_bytes(4) + _SAID + zlib.crc32(_SAID).to_bytes(4)
+"""Chunk behind these that says what made a picture."""
 
 
 def typesetter(root: Path, document: bytes) -> typst.Compiler:
@@ -62,4 +68,5 @@ def page_of(svg: bytes, width: str, height: str, form: Literal["pdf", "png"] = "
 def png_of(svg: bytes, size: Point, dpi: float) -> bytes:
     """A picture's SVG file, so many pixels wide and high, as PNG; 96 dots an inch are a dot a pixel."""
     width, height = (f"{POINTS * side}pt" for side in size)
-    return page_of(svg, width, height, "png", ppi=float(dpi))
+    drawn = page_of(svg, width, height, "png", ppi=float(dpi))
+    return drawn[:PNG_HEAD] + PNG_MARK + drawn[PNG_HEAD:]

@@ -8,9 +8,11 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from PIL import Image
 
 from roslf_design import cli, evaluate, load, preset_names, save
 from roslf_design.cli import COMMANDS, main
+from roslf_design.drawing.picture import Picture
 from roslf_design.errors import printable
 
 
@@ -245,13 +247,17 @@ SWEPT = ("--set", "d_3=1..9 mm")
         (("evaluate", "paper"), "all.csv", ("--at", "200mm")),
         (("sweep", "paper", "--quantity", "fill_factor", *SWEPT), "s.csv", ("--points", "4")),
         (("sweep", "paper", "--quantity", "fill_factor", *SWEPT), "s.svg", ("--quantity", "sigma_z_mm")),
+        (("sweep", "paper", "--quantity", "fill_factor", *SWEPT), "s.png", ("--quantity", "sigma_z_mm")),
         (("export", "paper"), "paper.zmx", ()),
         (("datasheet", "paper"), "sheet.csv", ("--at", "200mm")),
         (("datasheet", "paper"), "sheet.json", ("--at", "200mm")),
         (("datasheet", "paper"), "sheet.html", ("--at", "200mm")),
     ],
 )
-def test_a_file_is_written_over_its_earlier_self_alone_and_says_so(capsys, tmp_path, command, name, other):
+def test_a_file_is_written_over_its_earlier_self_alone_and_says_so(
+    capsys, monkeypatch, blank_pngs, tmp_path, command, name, other
+):
+    monkeypatch.setattr(Picture, "to_png", blank_pngs)
     place = tmp_path / name
     place.write_text("notes of mine, which nothing else holds")
     code, _, err = run(capsys, *command, "-o", place)
@@ -279,3 +285,39 @@ def test_a_module_that_waits_is_whole_for_every_thread(tmp_path, monkeypatch):
         assert list(pool.map(lambda _: module.LATE + module.EARLY, range(8))) == [3] * 8
     with pytest.raises(AttributeError, match="'waiting_module' has no attribute 'NEVER'"):
         _ = module.NEVER
+
+
+FOREIGN = {
+    "a.json": (("evaluate", "paper"), b'{"mine": 1}'),
+    "deep.json": (("evaluate", "paper"), b"[" * 200_000),
+    "a.csv": (("evaluate", "paper"), b"key,value\nmine,1\n"),
+    "sheet.json": (("datasheet", "paper"), b'{"a":' * 200_000),
+    "s.png": (("sweep", "paper", "--quantity", "fill_factor", *SWEPT), None),
+    "s.svg": (
+        ("sweep", "paper", "--quantity", "fill_factor", *SWEPT),
+        b'<?xml version="1.0" encoding="utf-8"?>\n<svg xmlns="http://www.w3.org/2000/svg"/>\n',
+    ),
+    "s.parquet": (("sweep", "paper", "--quantity", "fill_factor", *SWEPT), None),
+    "own.zmx": (("export", "paper"), b"VERS 140124 258 36214\nMODE SEQ\nNAME mine\nUNIT MM X W X CM MR CPMM\n"),
+    "lens.json": (("export", "paper"), b'{"version": 1.0, "name": "mine"}'),
+}
+"""Files of the same kinds that others wrote, by name, and commands that would write there."""
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_a_file_of_the_same_kind_that_something_else_wrote_is_kept(capsys, monkeypatch, blank_pngs, tmp_path, name):
+    monkeypatch.setattr(Picture, "to_png", blank_pngs)
+    command, content = FOREIGN[name]
+    place = tmp_path / name
+    match place.suffix:
+        case ".png":
+            Image.new("L", (4, 4)).save(place)
+        case ".parquet":
+            pyarrow = pytest.importorskip("pyarrow")
+            importlib.import_module("pyarrow.parquet").write_table(pyarrow.table({"mine": [1.0]}), place)
+        case _:
+            place.write_bytes(content)
+    held = place.read_bytes()
+    code, _, err = run(capsys, *command, "-o", place)
+    assert (code, place.read_bytes() == held) == (2, True)
+    assert "is of something else; delete it or choose another place" in err

@@ -407,6 +407,16 @@ def test_lengths_at_the_use_s_temperature_and_in_the_file_are_told_where_they_di
     assert found["D_F"] == f"{files['best.toml'].D_F:.5g}" != told["D_F"]
 
 
+def test_words_below_the_table_of_parts_are_its_own():
+    """They were those on active constraints, where there are any."""
+    text = GOOD + '[catalogue]\nkinds = ["sensors"]\n'
+    result = run_study(read_study(tomllib.loads(text), design=PAPER))
+    (section,) = optimization_report(result, "").sections
+    captions = {block.title: block.caption for block in section.blocks if isinstance(block, Table)}
+    assert captions["Active constraints"].startswith("Multiplier: ")
+    assert captions["Parts"] == captions["The design"] == ""
+
+
 def test_a_length_of_zero_needs_no_unit():
     plain = GOOD.replace("d_2 = [", "d_3 = [0, '8 mm']\nd_2 = [").replace('min = "0 mm"', "min = 0")
     read, other = (read_study(tomllib.loads(text)) for text in (plain, plain.replace("0, '8", "'0 um', '8")))

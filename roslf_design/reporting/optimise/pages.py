@@ -451,7 +451,7 @@ def _tables(result: Result) -> Iterator[Table]:
             ("multiplier", "d", lambda active: f"{active.multiplier:.4g}"),
             (f"relaxing it buys, of {of}", "l", lambda active: _bought(active, answer.problem.goals)),
         )
-        caption = (
+        gains = (
             "Multiplier: what the goals together, the weighted mean of their logarithms, gain, both scaled. "
             "Relaxing, for small steps: a limit that gives way by one unit makes "
         )

@@ -753,7 +753,7 @@ def title_written(content: bytes) -> str:
         rows = csv.reader(io.StringIO(content.decode()))
         head = {row[1]: row[CSV_KEYS.index("text")] for row in rows if row[:1] == [HEAD]}
         return sheet_title(head["design"], head["revision"])
-    except (KeyError, IndexError, ValueError, csv.Error):
+    except (KeyError, IndexError, ValueError, RecursionError, csv.Error):
         return ""
 
 
