@@ -16,13 +16,13 @@ from ..errors import Argument, refusal, with_options
 from ..reporting.blocks import Block, Paragraph
 from ..reporting.printers import page_files
 from ..reporting.tolerance.pages import (
-    LOOSER,
     clearance_words,
     cost_words,
     depth_sentence,
     headline,
     impossible_words,
     loose_words,
+    looser,
     mends,
     share_words,
     short_words,
@@ -106,7 +106,7 @@ def tolerance(
     if misses := plan.nominal_misses():
         say(f"roslf: the nominal design itself misses {', '.join(misses)}: its builds will, too", error=True)
     if tight := clearance_words(plan):
-        say(f"roslf: {tight} {LOOSER}", error=True)
+        say(f"roslf: {tight} {looser(plan)}".rstrip(), error=True)
     if plan.dear:
         builds = plan.trials + sum(builds_of_analyses(plan, description, grades))
         tell_cost(builds * _seconds_a_build(plan), f"{builds:,} builds are traced, their depth errors summed")
@@ -154,7 +154,7 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
     if result.left_out:
         yield Paragraph(result.left_out)
     if loose := loose_words(result.plan):
-        yield Paragraph(f"{loose} {LOOSER}")
+        yield Paragraph(f"{loose} {looser(result.plan)}".rstrip())
     if result.precision is not None:
         yield Paragraph(sentence(result.precision.accuracy.sentence(times)))
     if result.scale_for_target is not None:

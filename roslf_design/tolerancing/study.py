@@ -54,6 +54,8 @@ from .metrics import DISTANT, METRICS, SHAPES, Column, Question, evaluate_builds
 from .places import LENSLETS, SHIPPED, Grades, expand, load_grades, nominal_values, tolerance_at
 
 CALIBRATION = "calibration"
+OWN = "this study"
+"""Source of a tolerance that is no grade's."""
 """Name of the compensator that teaches the decoder each build instead of moving a part."""
 MOST_TRIALS = 10**10
 """Fifteen hours of a processor at best."""
@@ -718,7 +720,7 @@ def _perturbations(
             given.add(place)
             miss = graded.get(place)
             if place in own:
-                miss = missed(place, nominal[place], own[place], source="this study")
+                miss = missed(place, nominal[place], own[place], source=OWN)
             if miss is None:
                 why = f"the grade '{study.grade}' does not cover it" if study.grade else "the study names no grade"
                 problems.append(Problem(key, f"{place} has no tolerance and {why}; add tolerance = ..."))

@@ -26,6 +26,7 @@ from roslf_design.reporting.tolerance.pages import (
     clearance_words,
     interval_words,
     loose_words,
+    looser,
     ranking,
     remedies,
     tables,
@@ -356,14 +357,52 @@ def test_clearances_that_a_tolerance_takes_over_half_of_are_told_before_and_afte
         if tight:
             assert told.startswith(
                 "Tolerances over half of what the design leaves: FAP and plate 1 collide once d_3 is off by 0.15 mm "
-                "(± 0.1 mm) or plate 1 distance is off by 0.15 mm (± 0.1 mm)."
+                "(± 0.1 mm) or plate 1 distance is off by 0.15 mm (± 0.1 mm), which no tolerance reaches alone. "
+                "Builds that far off could not be put together and would count as failed"
             )
             assert told in loose_words(tolerance_plan(data, scope)[0])
             save(scope, tmp_path / "scope.toml")
             (tmp_path / "study.toml").write_text(tomli_w.dumps(data))
             code, _, err = run(capsys, "tolerance", tmp_path / "study.toml", "-o", tmp_path / "out")
             assert code == 0
-            assert f"roslf: {told} A grade knows no sizes" in err
+            assert f"roslf: {told}\n" in err  # no grade is to blame
+
+
+def two_plates(gap, *perturb, **more):
+    """What is said beforehand of two plates so far apart on their barrel."""
+    plate = {"kind": "plate", "distance": 1.0, "thickness": 0.5, "material": "N-BK7", "diameter": 4.0}
+    scope = load("rigid-scope").replace({"elements": [plate, {**plate, "distance": 1.5 + gap}], "d_3": 0.0})
+    data = {"name": "gap", "design": "x", "trials": 64, "goals": [{"metric": "fill_factor", "min": 0.1}]}
+    return clearance_words(tolerance_plan(data | {"perturb": perturb} | more, scope)[0])
+
+
+def test_clearances_are_told_of_groups_as_their_members_are_off_together():
+    """On one barrel plates stay apart; against each other both take of the gap; alike in part each may do it alone."""
+    first, second = "elements.0.distance", "elements.1.distance"
+    both = {"place": [first, second], "tolerance": "0.1 mm", "group": "barrel"}
+    assert two_plates(0.1, both) == ""
+    alike = two_plates(0.1, both, groups=[{"name": "barrel", "correlation": 0.5}])
+    assert "plate 1 and plate 2 collide once plate 1 distance is off by 0.1 mm (± 0.1 mm) or plate 2" in alike
+    opposed = [
+        {"place": first, "tolerance": "0.04 mm", "group": "b"},
+        {"place": second, "tolerance": "0.04 mm", "group": "b", "opposed": True},
+    ]
+    assert "collide once group b is off by 125 % of its tolerances, which no tolerance reaches alone" in two_plates(
+        0.1, *opposed
+    )
+
+
+def test_parts_that_touch_are_told_as_such():
+    """They were told to collide "once off by 0.000745 nm", where a search by halves ended."""
+    said = two_plates(0.0, {"place": "elements.0.distance", "tolerance": "0.1 mm"})
+    assert "collide once plate 1 distance is off at all, for they touch. Builds" in said
+
+
+def test_a_grade_is_blamed_for_loose_lengths_where_one_is_given():
+    data = {"name": "a", "design": "paper", "trials": 64, "goals": [{"metric": "fill_factor", "min": 0.5}]}
+    own = [{"place": "d_2", "tolerance": "0.21 mm"}]
+    assert looser(tolerance_plan(data | {"perturb": own})[0]) == ""
+    assert looser(tolerance_plan(data | {"grade": "commercial"})[0]).startswith("A grade knows no sizes")
 
 
 def analysed(data, required=(), budgets=False):

@@ -29,7 +29,7 @@ from ...tolerancing.draws import Perturbation
 from ...tolerancing.metrics import DISTANT, METRICS
 from ...tolerancing.places import display, perturbable, short_name
 from ...tolerancing.result import KNOWN_LENGTHS, StudyResult, WorstTrial, reach_of
-from ...tolerancing.study import CALIBRATION, TolerancePlan
+from ...tolerancing.study import CALIBRATION, OWN, TolerancePlan
 from ...tolerancing.summaries import ColumnSummary, Variant
 from ...tolerancing.traced import fates
 from ...tolerancing.yields import Yield
@@ -45,7 +45,7 @@ AT_LIMIT = 0.1
 LOOSE = 0.1
 """Share of a length above which its tolerance is told."""
 LOOSER = "A grade knows no sizes: give such a length a tolerance of its own in [[perturb]]."
-"""Remedy of that."""
+"""Remedy of that, where it is a grade's."""
 KNOWN = ", lengths known"
 """Addition to a limit on depth, expected, of builds."""
 EXACTLY = (
@@ -228,26 +228,41 @@ def loose_words(plan: TolerancePlan) -> str:
 
 
 def clearance_words(plan: TolerancePlan) -> str:
-    """Clearances, told by the faults beyond them, of which single tolerances take over half; empty for none."""
-    design, kinds = plan.question.design, perturbable(plan.question.design)
+    """Clearances, told by the faults beyond them, of which a tolerance takes over half; empty for none."""
     tight = tight_clearances(plan)
     told = []
     for fault, reached in tight[:MOST_FAULTS]:
-        nearest = sorted(reached, key=lambda pair: pair[1] / pair[0].tolerance)
-        ways = [
-            f"{short_name(one.place, design)} is off by {display(reach, kinds[one.place])} "
-            f"(± {display(one.tolerance, kinds[one.place])})"
-            for one, reach in nearest[:MOST_WAYS]
-        ]
+        nearest = sorted(reached, key=lambda pair: pair[1])
+        ways = [_off(plan, fault, factor, share) for factor, share in nearest[:MOST_WAYS]]
         more = f", or by {len(nearest) - MOST_WAYS} more" if len(nearest) > MOST_WAYS else ""
-        told.append(f"{fault} once {' or '.join(ways)}{more}")
+        alone = "" if round(nearest[0][1], 2) <= 1 else ", which no tolerance reaches alone"
+        told.append(f"{fault} once {' or '.join(ways)}{more}{alone}")
     told += [f"{len(tight) - MOST_FAULTS} more"] if len(tight) > MOST_FAULTS else []
     if not told:
         return ""
     return (
-        f"Tolerances over half of what the design leaves: {'; '.join(told)}. Such builds cannot be put together and "
-        "count as failed: tighten these, or leave more."
+        f"Tolerances over half of what the design leaves: {'; '.join(told)}. Builds that far off could not be put "
+        "together and would count as failed: tighten these, or leave more."
     )
+
+
+def _off(plan: TolerancePlan, fault: str, factor: tuple[Perturbation, ...], share: float) -> str:
+    """How far a number, or a group, is off at a fault, with its tolerance."""
+    one, design = factor[0], plan.question.design
+    if len(factor) > 1:
+        by, what = f"{100 * share:.3g} % of its tolerances", f"group {one.group}"
+    else:
+        kind = perturbable(design)[one.place]
+        by = f"{display(share * one.tolerance, kind)} (± {display(one.tolerance, kind)})"
+        what = short_name(one.place, design)
+    if share:
+        return f"{what} is off by {by}"
+    return f"{what} is off at all, for {'they touch' if fault.endswith(COLLIDE) else 'nothing is left'}"
+
+
+def looser(plan: TolerancePlan) -> str:
+    """Remedy of tolerances that are too wide for a length, where a grade gives them; empty where none does."""
+    return LOOSER if any(one.source not in ("", OWN) for one in plan.draws.perturbations) else ""
 
 
 def _yield_statement(result: StudyResult, name: str = "", first_look: bool = False) -> Statement:
@@ -357,7 +372,7 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
         yield Statement("caution", lost, remedy)
     yield _yield_statement(result, first_look=first_look)
     if loose := loose_words(result.plan):
-        yield Statement("caution", loose, LOOSER)
+        yield Statement("caution", loose, looser(result.plan))
     if result.precision is not None:
         accuracy = result.precision.accuracy
         yield Statement("caution" if accuracy.kept is False else "plain", words.sentence(accuracy.sentence(False)))
