@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -37,7 +37,9 @@ def opaque_solids() -> Mapping[str, Solid]:
     data = tomllib.loads(Path(__file__).with_name("solids.toml").read_text("utf-8"))
     for name, table in data["solids"].items():
         solid = Solid(name, table["cte"], data["sources"][table["source"]], table.get("grade", ""))
-        known |= {spelling.lower(): solid for spelling in (name, *table.get("also", ()))}
+        for spelling in (name, *table.get("also", ())):
+            named = solid.grade and solid.grade in spelling
+            known[spelling.lower()] = replace(solid, name=spelling, grade="") if named else solid
     return known
 
 

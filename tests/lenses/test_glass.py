@@ -215,11 +215,15 @@ def test_a_page_without_coefficients_is_told(tmp_path):
 
 def test_a_housing_s_general_name_is_told_with_the_grade_that_it_is_taken_for():
     """Grades differ: 304 grows by 17.2, 316 by 15.9e-6 /K; a name that says its grade has none to add."""
-    told = {name: find_solid(name).words for name in ("steel", "steel 316", "aluminum", "invar")}
+    names = ("steel", "steel 304", "steel 316", "aluminum", "6061", "ti-6al-4v", "invar")
+    told = {name: find_solid(name).words for name in names}
     assert told == {
         "steel": "stainless steel, taken as 304, 17.2e-6 /K",
+        "steel 304": "steel 304, 17.2e-6 /K",
         "steel 316": "steel 316, 15.9e-6 /K",
         "aluminum": "aluminium, taken as 6061, 23.6e-6 /K",
+        "6061": "6061, 23.6e-6 /K",
+        "ti-6al-4v": "Ti-6Al-4V, 8.6e-6 /K",
         "invar": "invar, 1.6e-6 /K",
     }
     scope = load("paper").replace({"environment": {"temperature": 37.0, "housing": "steel"}})
