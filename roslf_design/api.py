@@ -16,7 +16,7 @@ from typing import Any
 from .bench.acceptance import PLACED, RESULT, Acceptance, accepted, built_lengths
 from .bench.captures import read_bench
 from .bench.check import BenchCheck, checked
-from .calibration.options import CalibrateOptions, PlanOptions
+from .calibration.options import CalibrateOptions
 from .calibration.outcome import calibrated
 from .calibration.result import Outcome
 from .calibration.written import FILE, calibration_files
@@ -41,8 +41,8 @@ from .reporting.depth.captured import capture_report
 from .reporting.depth.pages import depth_report, measurement_pictures
 from .reporting.design.pages import design_report
 from .reporting.optimise.pages import optimization_report
-from .reporting.sheet.lines import NONE, datasheet_report
-from .reporting.story import datasheet_of, sheet_of
+from .reporting.sheet.lines import NONE, check_revision, datasheet_report
+from .reporting.story import datasheet_of, known_calibration, sheet_of
 from .reporting.tolerance.pages import tolerance_report
 from .scenes import Scene, load_scene
 from .theory.limits import as_design
@@ -56,8 +56,6 @@ from .tolerancing.tally import merged
 STUDY = 'a study file, which names its design: design = "mine.toml"'
 PICTURES = "a raw image, or of decoded views"
 CAPTURES = "a folder of captures"
-PLANNED = "planned"
-"""Calibration that is no folder: the one that is planned."""
 BENCH = "a folder that `roslf bench` wrote"
 
 
@@ -459,15 +457,16 @@ def datasheet(
     >>> _ = open("paper.pdf", "wb").write(roslf.render_pdf(sheet))  # doctest: +SKIP
     """
     distances = check_distances(at)
-    known: Path | PlanOptions | None = None if calibration is None else Path(calibration)
-    if calibration == PLANNED:
-        known = PlanOptions(seed=check_seed(seed or 0), at=distances)
+    if seed is not None:
+        check_seed(seed)
+    head = NONE if revision == "" else check_revision(revision)
+    known = known_calibration(calibration, seed, distances)
     if isinstance(design, Design):
         grounds = sheet_of(design, known, distances)
     else:
         expect(design, "design", (str, os.PathLike), "a Design, the name of a preset or the path of a file")
         grounds = datasheet_of(Path(design), seed, silent, known, distances)
-    return datasheet_report(grounds, revision or NONE)
+    return datasheet_report(grounds, head)
 
 
 def _drawings(pictures: Mapping[str, Picture]) -> dict[str, str]:

@@ -5,20 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from ..calibration.options import PlanOptions
 from ..errors import OTHER_PLACE, refusal
 from ..progress import CountedProgress, shares
 from ..reporting.printers import Paper, render_html, render_pdf
 from ..reporting.sheet.lines import (
     NONE,
     SpreadSources,
+    check_revision,
     datasheet_csv,
     datasheet_json,
     datasheet_report,
     sheet_title,
     title_written,
 )
-from ..reporting.story import datasheet_of, load_story_or_study
+from ..reporting.story import datasheet_of, known_calibration, load_story_or_study
 from ..theory.limits import as_design
 from .report import date_of_making, folder_name
 from .terminal import (
@@ -36,7 +36,6 @@ from .terminal import (
     write_file,
 )
 
-PLANNED = Path("planned")
 KINDS = (".pdf", ".html", ".json", ".csv")
 
 
@@ -86,7 +85,8 @@ def datasheet(
         check_typst("output")
     check_options(seed)
     distances = read_distances(at)
-    known = PlanOptions(seed=seed or 0, at=distances) if calibration == PLANNED else calibration
+    check_revision(revision)
+    known = known_calibration(calibration, seed, distances)
     dated = kind == ".pdf" if stamp is None else stamp
     date = f"{date_of_making():%Y-%m-%d}" if dated else NONE
     if calibration is None and load_story_or_study(Path(design))[0] == "design":

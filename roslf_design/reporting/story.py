@@ -26,7 +26,7 @@ from ..calibration.written import calibrated_camera
 from ..camera import Camera
 from ..design import Design, preset_names
 from ..design.files import Kind, kind_of
-from ..errors import InputError, Problem, refusal
+from ..errors import InputError, Problem, path_of, refusal
 from ..evaluation import default_fields
 from ..evaluation.required import load_beside
 from ..optimization.study import Result, run
@@ -50,6 +50,8 @@ from .sheet.lines import BuildSpread, CalibrationSpread, SpreadSources, basis
 from .tolerance.pages import tolerance_finding
 
 TAKES = re.compile(r"best|robust|parts-\d\d")
+PLANNED = Path("planned")
+"""Word for a calibration that is no folder: the one that is planned."""
 LINES = "lines of the data sheet"
 """Step of a report that is counted."""
 STUDIES = ("optimize", "tolerance", "calibration", "calibrated")
@@ -428,6 +430,16 @@ def _walked(
         else:
             outcome = story.calibrations[index]
         yield _Walked(outcome, before, design, str(data.get("name", "")), part.take)
+
+
+def known_calibration(
+    calibration: str | Path | None, seed: int | None, at: tuple[float, ...]
+) -> Path | PlanOptions | None:
+    """Calibration as `datasheet_of` takes it: a folder, or where it is the word for it the one that is planned."""
+    if calibration is None:
+        return None
+    folder = path_of(calibration, "calibration", "a folder that `roslf calibrate` wrote")
+    return PlanOptions(seed=seed or 0, at=at) if folder == PLANNED else folder
 
 
 def datasheet_of(

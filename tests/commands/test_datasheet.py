@@ -721,3 +721,9 @@ def test_what_simulated_exposures_lack_of_depth_expected_is_named():
     u = float(depth_budget(camera).u_z_mm)
     assert f"(u = {u:.3g} mm) counts view mismatch beside that bound" in _beside_expected(camera)
     assert _beside_expected(Camera.of(roslf.load("paper").replace({"depth.view_mismatch": 0.0}))) == ""
+
+
+def test_an_empty_revision_is_refused(tmp_path, capsys):
+    code, _, err = run(capsys, "datasheet", "paper", "--revision", "", "-o", tmp_path / "a.html")
+    assert (code, list(tmp_path.iterdir())) == (2, [])
+    assert err == 'roslf: --revision: "" is no revision; give text on one line, as "B"\n'

@@ -19,6 +19,7 @@ import numpy as np
 from ..._arrays import Array
 from ...camera import Camera
 from ...design import dumps
+from ...errors import expect, refusal
 from ...evaluation.answer import FirstAnswer
 from ...evaluation.required import Requirement, requirements
 from ...evaluation.result import MARKS, depth_basis, focused_table
@@ -738,6 +739,14 @@ def datasheet_section(grounds: SpreadSources, tell: Share = UNHEARD) -> Section:
         Figure.of("resolution-map", "Resolution over distance and field", mapped, drawn),
     ]
     return Section("Data sheet", tuple(blocks))
+
+
+def check_revision(revision: str) -> str:
+    """Revision as it is; refused where it is no text on one line."""
+    expect(revision, "revision", str, 'the revision as text, as "B"')
+    if not (revision.strip() and revision.isprintable()):
+        raise refusal("revision", f'{json.dumps(revision)} is no revision; give text on one line, as "B"')
+    return revision
 
 
 def sheet_title(name: str, revision: str) -> str:
