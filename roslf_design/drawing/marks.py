@@ -185,7 +185,7 @@ def contours(
     """Lines of equal values, each with its number and its look, those of mere corners without the number.
 
     Values are as for `where_above`. A number stands on its line as near the middle as it is inside the map, on none of
-    those before it and on no place that is `kept` free; `size` is that of the map [px].
+    those before it and on no place that is `kept` free; `size` is that from the first points to the last [px].
     """
     from contourpy import contour_generator
 

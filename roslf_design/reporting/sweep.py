@@ -118,7 +118,8 @@ def _panel(swept: Sweep, name: str, title: str, ends: list[tuple[float, str]]) -
     if min(values.shape) > 1:
         told = named_ticks(across_shades.ticks(LINES))
         levels = [*((*end, REQUIRED) for end in near), *((*tick, LEVEL) for tick in told)]
-        marks += contours(values.T, x, y, levels, MAP, [(swept.own[0], swept.own[1])] * within)
+        inner = MAP[0] * (1 - 1 / len(x)), MAP[1] * (1 - 1 / len(y))  # from the first points to the last
+        marks += contours(values.T, x, y, levels, inner, [(swept.own[0], swept.own[1])] * within)
         keys += [line_key("required", *REQUIRED)] * any(getattr(mark, "colour", "") == REQUIRED[0] for mark in marks)
     keys += [box_key("no camera, or no finite value", "grey", 0.9)] if not np.isfinite(values).all() else []
     none = np.argwhere(~np.isfinite(values))

@@ -3,6 +3,7 @@
 import csv
 import functools
 import hashlib
+import itertools
 import json
 import re
 import tomllib
@@ -17,6 +18,7 @@ from roslf_design.camera import Camera
 from roslf_design.commands import report as report_command
 from roslf_design.design import dumps
 from roslf_design.drawing.marks import Dots, Line, Text
+from roslf_design.drawing.theme import text_width
 from roslf_design.evaluation.evaluate import held_to
 from roslf_design.reporting import story
 from roslf_design.reporting.blocks import Report
@@ -574,6 +576,19 @@ def test_a_sweep_has_one_legend_and_the_limits_of_its_design():
     (line,) = (mark for mark in grid.panels[0].marks if isinstance(mark, Line) and mark.colour == "orange")
     swept = Camera.of(design, {"d_3": line.x[np.isfinite(line.x)], "D_F": line.y[np.isfinite(line.x)]})
     assert roslf.quantity("u_z_mm")(swept) == pytest.approx(0.2, rel=0.02)
+
+
+@pytest.mark.parametrize("points", [2, 3, 6])
+def test_numbers_on_a_coarse_map_stand_clear_of_each_other(points):
+    """Lines go from the first points to the last, half of a map of two points a side."""
+    places = {"d_2": np.linspace(1.0, 4.0, points), "d": np.linspace(0.03, 0.2, points)}
+    panel = sweep_picture(roslf.sweep(roslf.load("paper"), places, ["sigma_z_mm"]), "paper").panels[0]
+    words = [mark for mark in panel.marks if isinstance(mark, Text)]
+    assert len(words) > 1
+    for one, other in itertools.combinations(words, 2):
+        (a, up), (b, down) = (panel.at(mark.x, mark.y) for mark in (one, other))
+        wide = (text_width(one.text, one.size) + text_width(other.text, other.size)) / 2
+        assert abs(a + one.dx - b - other.dx) > wide or abs(up - down) > one.size
 
 
 def test_a_sweep_says_which_length_follows(tmp_path, capsys):
