@@ -1,4 +1,4 @@
-"""Functions that `import roslf_design as roslf` offers beside values: one for each thing the commands do.
+"""Functions that `import roslf_design as roslf` offers beside values: much of what the commands do.
 
 Each takes a design, the name of a preset or the path of a file, prints nothing and writes nothing.
 """

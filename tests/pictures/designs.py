@@ -16,8 +16,9 @@ def strange(**changes):
 
 
 PAPER = load("paper")
-UNLIKE = ("paper", "paper-singlet", "cystoscope", "grin-needle")
-"""Presets that differ in what laws of them all may hang on: ideal lens, real lens, a bore of elements, a thin one."""
+UNLIKE = ("paper", "paper-singlet", "cystoscope", "grin-needle", "arthroscope")
+"""Presets that differ in what laws of them all may hang on: ideal lens, real lens, a bore of elements, a thin one,
+a folded axis."""
 DESIGNS = {name: load(name) for name in preset_names()}
 DESIGNS["vignetted"] = PAPER.replace(D=12.0)
 DESIGNS["at the lens"] = PAPER.replace(d_3=0.0)
