@@ -21,7 +21,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from ..design.files import in_the_way, write_atomically
-from ..drawing.typeset import PNG_HEAD, PNG_MARK
+from ..drawing.typeset import PNG_MARK
 from ..errors import OTHER_PLACE, Argument, InputError, Problem, printable, refusal
 from ..options import check_distances, check_seed
 from ..words import about_time
@@ -47,6 +47,13 @@ LOGGED = 30.0
 """Seconds between lines of progress in a log."""
 PAGE = "index.html"
 """Name of the page in a folder of results."""
+MARKS = {
+    ".csv": rb"\A.*(?:\nschema,.*)?",
+    ".svg": rb'<svg [^>]*data-testid="(picture-[^"-]+)',
+    ".png": re.escape(PNG_MARK),
+    ".zmx": rb"\nNOTE 0 roslf_design\n",
+}
+"""Marks of files of ours, by their kinds."""
 
 
 class _Log:
@@ -253,24 +260,14 @@ def write_file(target: Path, content: bytes) -> None:
 
 def _beginning(content: bytes, kind: str) -> Any:
     """Mark that earlier and later files of a command share; of a table without a schema its headings alone."""
+    if kind in MARKS:
+        return re.findall(MARKS[kind], content[:9999])[:1]
     with suppress(ValueError, AttributeError, TypeError, RecursionError):
-        match kind:
-            case ".csv":
-                first, *more = content.splitlines()[:2]
-                return first, *(line for line in more if line.startswith(b"schema,"))
-            case ".json":  # Optiland's has no schema
-                data = json.loads(content)
-                return (data["schema"], data.get("design")) if "schema" in data else (*data, data.get("name"))
-            case ".svg":
-                return re.findall(rb'^<svg [^>]*data-testid="(picture-[^"-]+)', content, re.MULTILINE)
-            case ".png":
-                return content[PNG_HEAD : PNG_HEAD + len(PNG_MARK)]
-            case ".zmx":
-                return content.splitlines()[3:4]  # our note
-            case ".parquet":
-                from pyarrow.parquet import read_schema
-
-                return read_schema(io.BytesIO(content)).names
+        if kind == ".json":
+            data = json.loads(content)  # Optiland's has no schema
+            return (data["schema"], data.get("design")) if "schema" in data else (*data, data.get("name"))
+        if kind == ".parquet":
+            return importlib.import_module("pyarrow.parquet").read_schema(io.BytesIO(content)).names
     return content[:4]
 
 

@@ -105,12 +105,11 @@ def lens_rows(lens: Prescription) -> tuple[SequenceRow, ...]:
 def zmx(rows: tuple[SequenceRow, ...], name: str, wavelength: float, temperature: float, wide: float) -> str:
     """A sequential .zmx file, in millimetres; `wide` is the half-width of the field, or 0 for the axis alone [mm]."""
     lines = ["VERS 140124 258 36214", "MODE SEQ", f"NAME {' '.join(name.split())}", "NOTE 0 roslf_design"]
-    lines += ["UNIT MM X W X CM MR CPMM"]
     stop = next((row for row in rows if row.is_stop), rows[0])
     seen = replace(rows[0].surface, semi_diameter=max(rows[0].surface.semi_diameter, wide))  # fields lie on it
     rows = (replace(rows[0], surface=seen), *rows[1:])
     far = seen.thickness == float("inf")
-    lines += [f"ENPD {2 * stop.surface.semi_diameter!r}" if far else "FLOA"]
+    lines += ["UNIT MM X W X CM MR CPMM", f"ENPD {2 * stop.surface.semi_diameter!r}" if far else "FLOA"]
     lines += [f"ENVD {temperature!r} 1 0", "GFAC 0 0", "GCAT SCHOTT MISC"]
     heights = (0.0, wide) if wide else (0.0,)
     lines += [f"FTYP {0 if far else 1} 0 {len(heights)} 1 0 0 0"]

@@ -16,11 +16,9 @@ if TYPE_CHECKING:
 
 POINTS = 0.75
 """Points a pixel."""
-PNG_HEAD = 33
-"""Bytes of a PNG's signature and first chunk."""
 _SAID = b"tEXtSoftware\0roslf_design"
 PNG_MARK = (len(_SAID) - 4).to_bytes(4) + _SAID + zlib.crc32(_SAID).to_bytes(4)
-"""Chunk behind these that says what made a picture."""
+"""Chunk of a PNG that says what made it."""
 
 
 def typesetter(root: Path, document: bytes) -> typst.Compiler:
@@ -69,4 +67,4 @@ def png_of(svg: bytes, size: Point, dpi: float) -> bytes:
     """A picture's SVG file, so many pixels wide and high, as PNG; 96 dots an inch are a dot a pixel."""
     width, height = (f"{POINTS * side}pt" for side in size)
     drawn = page_of(svg, width, height, "png", ppi=float(dpi))
-    return drawn[:PNG_HEAD] + PNG_MARK + drawn[PNG_HEAD:]
+    return drawn[:33] + PNG_MARK + drawn[33:]  # behind the first

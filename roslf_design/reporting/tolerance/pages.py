@@ -232,10 +232,9 @@ def clearance_words(plan: TolerancePlan) -> str:
     tight = tight_clearances(plan)
     told = []
     for fault, reached in tight[:MOST_FAULTS]:
-        nearest = sorted(reached, key=lambda pair: pair[1])
-        ways = [_off(plan, fault, factor, share) for factor, share in nearest[:MOST_WAYS]]
-        more = f", or by {len(nearest) - MOST_WAYS} more" if len(nearest) > MOST_WAYS else ""
-        alone = "" if round(nearest[0][1], 2) <= 1 else ", which no tolerance reaches alone"
+        ways = [_off(plan.question.design, *reach) for reach in reached[:MOST_WAYS]]
+        more = f", or by {len(reached) - MOST_WAYS} more" if len(reached) > MOST_WAYS else ""
+        alone = "" if round(reached[0].share, 2) <= 1 else ", which no tolerance reaches alone"
         told.append(f"{fault} once {' or '.join(ways)}{more}{alone}")
     told += [f"{len(tight) - MOST_FAULTS} more"] if len(tight) > MOST_FAULTS else []
     if not told:
@@ -246,18 +245,12 @@ def clearance_words(plan: TolerancePlan) -> str:
     )
 
 
-def _off(plan: TolerancePlan, fault: str, factor: tuple[Perturbation, ...], share: float) -> str:
+def _off(design: Design, share: float, missed: tuple[tuple[Perturbation, float], ...]) -> str:
     """How far a number, or a group, is off at a fault, with its tolerance."""
-    one, design = factor[0], plan.question.design
-    if len(factor) > 1:
-        by, what = f"{100 * share:.3g} % of its tolerances", f"group {one.group}"
-    else:
-        kind = perturbable(design)[one.place]
-        by = f"{display(share * one.tolerance, kind)} (± {display(one.tolerance, kind)})"
-        what = short_name(one.place, design)
-    if share:
-        return f"{what} is off by {by}"
-    return f"{what} is off at all, for {'they touch' if fault.endswith(COLLIDE) else 'nothing is left'}"
+    (one, reach), kind = missed[0], perturbable(design)[missed[0][0].place]
+    single, size = len(missed) == 1, f"{display(reach, kind)} (± {display(one.tolerance, kind)})"
+    by = f"by {size if single else f'{100 * share:.3g} % of its tolerances'}" if share else "at all, for they touch"
+    return f"{short_name(one.place, design) if single else f'group {one.group}'} is off {by}"
 
 
 def looser(plan: TolerancePlan) -> str:
