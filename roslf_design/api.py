@@ -42,7 +42,7 @@ from .reporting.depth.pages import depth_report, measurement_pictures
 from .reporting.design.pages import design_report
 from .reporting.optimise.pages import optimization_report
 from .reporting.sheet.lines import NONE, check_revision, datasheet_report
-from .reporting.story import datasheet_of, known_calibration, sheet_of
+from .reporting.story import calibration_of, datasheet_of, sheet_of
 from .reporting.tolerance.pages import tolerance_report
 from .scenes import Scene, load_scene
 from .theory.limits import as_design
@@ -457,10 +457,9 @@ def datasheet(
     >>> _ = open("paper.pdf", "wb").write(roslf.render_pdf(sheet))  # doctest: +SKIP
     """
     distances = check_distances(at)
-    if seed is not None:
-        check_seed(seed)
+    check_seed(0 if seed is None else seed)
     head = NONE if revision == "" else check_revision(revision)
-    known = known_calibration(calibration, seed, distances)
+    known = calibration_of(calibration, seed, distances)
     if isinstance(design, Design):
         grounds = sheet_of(design, known, distances)
     else:

@@ -18,7 +18,7 @@ from ..reporting.sheet.lines import (
     sheet_title,
     title_written,
 )
-from ..reporting.story import datasheet_of, known_calibration, load_story_or_study
+from ..reporting.story import calibration_of, datasheet_of, load_story_or_study
 from ..theory.limits import as_design
 from .report import date_of_making, folder_name
 from .terminal import (
@@ -86,7 +86,7 @@ def datasheet(
     check_options(seed)
     distances = read_distances(at)
     check_revision(revision)
-    known = known_calibration(calibration, seed, distances)
+    known = calibration_of(calibration, seed, distances)
     dated = kind == ".pdf" if stamp is None else stamp
     date = f"{date_of_making():%Y-%m-%d}" if dated else NONE
     if calibration is None and load_story_or_study(Path(design))[0] == "design":

@@ -432,13 +432,9 @@ def _walked(
         yield _Walked(outcome, before, design, str(data.get("name", "")), part.take)
 
 
-def known_calibration(
-    calibration: str | Path | None, seed: int | None, at: tuple[float, ...]
-) -> Path | PlanOptions | None:
+def calibration_of(asked: str | Path | None, seed: int | None, at: tuple[float, ...]) -> Path | PlanOptions | None:
     """Calibration as `datasheet_of` takes it: a folder, or where it is the word for it the one that is planned."""
-    if calibration is None:
-        return None
-    folder = path_of(calibration, "calibration", "a folder that `roslf calibrate` wrote")
+    folder = None if asked is None else path_of(asked, "calibration", "a folder that `roslf calibrate` wrote")
     return PlanOptions(seed=seed or 0, at=at) if folder == PLANNED else folder
 
 

@@ -17,15 +17,8 @@ HALF = 0.5
 STEPS = 2.0 ** np.arange(-3, 2)
 """Multiples of a tolerance among which a fault is looked for; beyond the last it takes under half of what is left."""
 HALVINGS = 24
-
-
-class _Reach(NamedTuple):
-    """How far chance goes to a fault by a single one of its factors."""
-
-    share: float
-    """Of the farthest that it goes; 0 where parts touch."""
-    missed: tuple[tuple[Perturbation, float], ...]
-    """Number, or all of a group, with how far each is off there [mm, rad, or none]."""
+Missed = tuple[tuple[Perturbation, float], ...]
+"""A number, or all of a group, with how far each is off [mm, rad, or none]."""
 
 
 class _TightClearance(NamedTuple):
@@ -33,8 +26,8 @@ class _TightClearance(NamedTuple):
 
     fault: str
     """Fault of builds, in words: "FAP and prism 1 collide"."""
-    reached: tuple[_Reach, ...]
-    """What reaches it within twice its tolerances, nearest first."""
+    reached: tuple[tuple[float, Missed], ...]
+    """What is off there, with its share of the farthest that chance goes, 0 where parts touch; nearest first."""
 
 
 def tight_clearances(plan: TolerancePlan) -> tuple[_TightClearance, ...]:
@@ -53,12 +46,12 @@ def tight_clearances(plan: TolerancePlan) -> tuple[_TightClearance, ...]:
         hit = _faults(plan, middle * moves[:, way])[wrong, np.arange(len(way))]
         low, high = np.where(hit, low, middle), np.where(hit, middle, high)
     shares = np.where(low > 0, high, 0.0)
-    nearest: dict[int, dict[int, _Reach]] = {}
+    nearest: dict[int, dict[int, tuple[float, Missed]]] = {}
     for k in np.argsort(shares, kind="stable").tolist():
         pairs = zip(draws.perturbations, moves[:, way[k]].tolist(), strict=True)
         missed = tuple((one, shares[k] * abs(move) * one.tolerance) for one, move in pairs if move * one.tolerance)
         if shares[k] < 1 / HALF:
-            nearest.setdefault(wrong[k], {}).setdefault(way[k] % len(ends), _Reach(float(shares[k]), missed))
+            nearest.setdefault(wrong[k], {}).setdefault(way[k] % len(ends), (float(shares[k]), missed))
     return tuple(_TightClearance(plan.faults[f], tuple(nearest[f].values())) for f in sorted(nearest))
 
 

@@ -24,7 +24,7 @@ from ...theory.field_of_view import focus_ahead
 from ...theory.quantities import QUANTITIES, in_words
 from ...theory.quantity import finite
 from ...tolerancing.budgets import Change, ToleranceBudget
-from ...tolerancing.clearances import tight_clearances
+from ...tolerancing.clearances import Missed, tight_clearances
 from ...tolerancing.draws import Perturbation
 from ...tolerancing.metrics import DISTANT, METRICS
 from ...tolerancing.places import display, perturbable, short_name
@@ -234,7 +234,7 @@ def clearance_words(plan: TolerancePlan) -> str:
     for fault, reached in tight[:MOST_FAULTS]:
         ways = [_off(plan.question.design, *reach) for reach in reached[:MOST_WAYS]]
         more = f", or by {len(reached) - MOST_WAYS} more" if len(reached) > MOST_WAYS else ""
-        alone = "" if round(reached[0].share, 2) <= 1 else ", which no tolerance reaches alone"
+        alone = "" if round(reached[0][0], 2) <= 1 else ", which no tolerance reaches alone"
         told.append(f"{fault} once {' or '.join(ways)}{more}{alone}")
     told += [f"{len(tight) - MOST_FAULTS} more"] if len(tight) > MOST_FAULTS else []
     if not told:
@@ -245,8 +245,8 @@ def clearance_words(plan: TolerancePlan) -> str:
     )
 
 
-def _off(design: Design, share: float, missed: tuple[tuple[Perturbation, float], ...]) -> str:
-    """How far a number, or a group, is off at a fault, with its tolerance."""
+def _off(design: Design, share: float, missed: Missed) -> str:
+    """Words on how far a number, or a group, is off at a fault, with its tolerance."""
     (one, reach), kind = missed[0], perturbable(design)[missed[0][0].place]
     single, size = len(missed) == 1, f"{display(reach, kind)} (± {display(one.tolerance, kind)})"
     by = f"by {size if single else f'{100 * share:.3g} % of its tolerances'}" if share else "at all, for they touch"
