@@ -27,7 +27,7 @@ class _TightClearance(NamedTuple):
     fault: str
     """Fault of builds, in words: "FAP and prism 1 collide"."""
     reached: tuple[tuple[float, Missed], ...]
-    """What is off there, with its share of the farthest that chance goes, 0 where parts touch; nearest first."""
+    """Share of the farthest that chance goes, 0 where parts touch, with what is off there; nearest first."""
 
 
 def tight_clearances(plan: TolerancePlan) -> tuple[_TightClearance, ...]:
