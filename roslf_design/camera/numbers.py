@@ -55,6 +55,7 @@ def numbers_of(design: Design) -> dict[str, Number]:
     places += [f"{stop.place}.{key}" for stop in design.openings[1:] for key in stop.part.number_keys]
     places += [f"{part}.{pose}.{axis}" for part in parts for pose in ("decentre", "tilt") for axis in (0, 1)]
     places += [f"{part}.size.{axis}" for part in ("microlens_array", "sensor") for axis in (0, 1)]
+    places += ["main_lens.outer_diameter"] * (design.main_lens.outer_diameter is not None)
     places += [f"sensor.package.{axis}" for axis in (0, 1) if design.sensor.package is not None]
     places += [f"{TYPES}{k}" for k in range(1, len(array.focal_lengths))]
     places += PHOTOMETRIC

@@ -164,6 +164,7 @@ class _LensPart(_Round):
 
     gives: ClassVar[Gives] = {
         "main_lens.diameter": attrgetter("aperture"),
+        "main_lens.outer_diameter": attrgetter("diameter"),
         "main_lens.focal_length": attrgetter("focal_length"),
     }
 
@@ -394,7 +395,11 @@ NAMED: Mapping[str, Kind] = {
     "elements": "windows",
 }
 """Table of a design to the kind of part that it may name."""
-WITHOUT: Mapping[Kind, Collection[str]] = {"microlens_arrays": ("layout", "lens_shape"), "windows": ("diameter",)}
+WITHOUT: Mapping[Kind, Collection[str]] = {
+    "lenses": ("outer_diameter",),
+    "microlens_arrays": ("layout", "lens_shape"),
+    "windows": ("diameter",),
+}
 """Keys that a part gives its table, and that is whole without."""
 CLOSE = 0.7
 """Likeness from which on a name is taken for one misspelt."""

@@ -69,6 +69,8 @@ class MainLens(OpticalPart):
     diameter: Length | None = Field(default=None, validate_default=True)
     """D, clear aperture [mm]; with a prescription None is the lens's own, and a smaller one a stop at the lens; with a
     sheet None cuts nothing where that states a pupil's place, and is the pupil's diameter where it does not."""
+    outer_diameter: Length | None = None
+    """Diameter of the whole lens with its edge, which a tube must hold [mm]; None: as wide as what is known of it."""
     focal_length: Length | None = None
     """f [mm]; None where d_f and d_1, or a prescription, give it."""
     material: Material | None = None

@@ -164,6 +164,8 @@ class Combinations:
         """
         if element is not None and problem.design.elements[element].diameter is None:  # any, for parts to replace
             problem = replace(problem, design=problem.design.replace({f"elements.{element}.diameter": 1.0}))
+        if "lenses" in kinds and problem.design.main_lens.outer_diameter is None:  # likewise
+            problem = replace(problem, design=problem.design.replace({"main_lens.outer_diameter": 1.0}))
         given = given_by(kinds, element)
         left = {name: v for name, v in problem.variables.items() if PATHS.get(name, name) not in given}
         in_focus = problem.in_focus and "microlens_arrays" not in kinds

@@ -30,7 +30,7 @@ class _Housed(NamedTuple):
     name: str
     """Name in ray budgets; of an element's two faces both."""
     width: Number
-    """Diameter, of a catalogued window its outer, of a real lens that of its widest surface, or diagonal, and twice how
+    """Diameter, of a bought window or lens its outer, of a real lens that of its widest surface, or diagonal, and twice how
     far it is decentred [mm]."""
     place: Number
     """Its end towards the scene [mm before the main lens, below 0 behind it]."""
@@ -62,7 +62,7 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
     """
     c, numbers = c.cold, c.cold.numbers
 
-    def part(name: str, key: str, width: Number, place: Number, glass: float = 0.0) -> _Housed:
+    def part(name: str, key: str, width: Number, place: Number, glass: Number = 0.0) -> _Housed:
         aside = 2 * np.hypot(numbers[f"{key}.decentre.0"], numbers[f"{key}.decentre.1"])
         whole = np.maximum(width, glass) + aside
         return _Housed(name, whole, place, width + aside, _aside(c, place, whole / 2))
@@ -81,7 +81,8 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
         if glass or f"{at.at.place}.diameter" in numbers or _aside(c, at.end, 0.0) is not None:
             parts.append(part(at.name, at.at.place, at.at.get("diameter", glass), at.end, glass))
     array, d_2 = -numbers[PATHS["d_1"]] - c.hiatus, numbers[PATHS["d_2"]]
-    parts.append(part("main lens", "main_lens", numbers[PATHS["D"]], 0.0, _widest(c.lens.prescribed)))
+    edge = np.maximum(_widest(c.lens.prescribed), numbers.get("main_lens.outer_diameter", 0.0))
+    parts.append(part("main lens", "main_lens", numbers[PATHS["D"]], 0.0, edge))
     parts.append(part("microlens array", "microlens_array", diagonal("microlens_array.size"), array))
     if _holds_sensor(c):
         parts.append(part("sensor", "sensor", diagonal(PACKAGE if _packaged(c) else "sensor.size"), array - d_2))

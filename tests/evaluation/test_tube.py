@@ -290,3 +290,24 @@ def test_a_bought_window_counts_to_its_outside(scope):
     told = fits(thin.replace({"elements": [{**drawn, "part": "sapphire 8 x 1 mm"}]}))
     assert not told.ok
     assert "plate 1 of 8 mm is 0.6 mm too wide" in told.text
+
+
+def test_a_bought_lens_counts_to_its_edge(scope, tmp_path):
+    """Of an own catalogue as of the one that ships; a lens made to a drawing has its diameter only."""
+    own = 'part = "quote 118"\ndiameter = "8.4 mm"\nfocal_length = "20 mm"\nclear_aperture = "7 mm"'
+    (tmp_path / "mine.toml").write_text(f'[[lenses]]\n{own}\nprovenance = "quote"\nconfidence = "typical"\n')
+    thin = scope.replace({"sensor.size": (3.0, 4.0), "tube": {"outer_diameter": 8.7, "wall": 0.25}})
+    text = dumps(thin.replace({"main_lens.diameter": 7.0}))
+    part = 'part = {file = "mine.toml", name = "quote 118"}'
+    path = tmp_path / "camera.toml"
+    path.write_text(re.sub(r"(?m)^(\[main_lens\]\n)diameter = .*", rf"\1{part}", text))
+    for design, ok in ((loads(text), True), (roslf.load(path), False)):
+        told = fits(design)
+        assert (float(design.D), told.ok) == (7.0, ok)
+    assert "main lens of 8.4 mm is 0.2 mm too wide" in told.text
+    assert outer(design) == pytest.approx(8.9)
+    bought = scope.replace(
+        {"main_lens": {"part": "achromat 25.4 mm f30", "focal_plane": 300.0}, "d_1": None, "tube": TUBE}
+    )
+    assert bought.main_lens.outer_diameter == 25.4
+    assert fits(bought).text.startswith("does not fit inside the tube: main lens of 25.4 mm is 15.9 mm too wide")
