@@ -46,6 +46,8 @@ class _AtDistance:
     width_mm: float
     height_mm: float
     """Sides of the field there."""
+    diagonal_mm: float
+    """Its diagonal, no hypotenuse of these where a lens distorts."""
     u_z_mm: float | None
     """Depth, expected: combined standard uncertainty of one measurement on the axis."""
     expanded_mm: float | None
@@ -176,7 +178,10 @@ class FirstAnswer:
                 lines, limit = detail.usable_lp_per_mm, detail.limited_by
             planes.append(
                 _AtDistance(
-                    distance, plane, field.width_mm, field.height_mm, u, expanded, mostly, lines, limit, caution
+                    distance,
+                    plane,
+                    *(field.width_mm, field.height_mm, field.diagonal_mm),
+                    *(u, expanded, mostly, lines, limit, caution),
                 )
             )
         farthest = shown.farthest

@@ -139,9 +139,13 @@ def _typed(camera: Camera, symbol: str, value: float, holds: Holds) -> str:
 
 
 def _stands(camera: Camera, symbol: str, value: float) -> bool:
-    """Whether the FAP would go through tube and lens, or stand in no glass, or glass before the sensor have room."""
+    """Whether the FAP would go through tube and lens, or stand in no glass, or glass before the sensor have room.
+
+    Nor ahead of a tip that is another part, from which distances count.
+    """
     if symbol == "d_3":
-        return not any(part.start < value < part.end for part in camera.in_bore)
+        ahead = float(camera[PATHS["d_3"]]) < float(camera.tip) < value
+        return not ahead and not any(part.start < value < part.end for part in camera.in_bore)
     if symbol == "d_2":
         return value >= sum(float(camera[f"{plate}.thickness"]) for plate in camera.chain.plates_behind)
     return value <= float(tube.widest_fap(camera))

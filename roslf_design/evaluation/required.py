@@ -35,8 +35,9 @@ from ..theory.depth_budget import (
 from ..theory.focused import has_views, pupil_remedy
 from ..theory.length_covariance import LengthCovariance
 from ..theory.limits import as_design, limits
-from ..theory.quantities import NO_LENS_MOVES, quantity_named
+from ..theory.quantities import NO_LENS_MOVES, QUANTITIES, quantity_named
 from ..theory.quantity import FEASIBLE, Quantity
+from ..traced.fields import images_of
 from ..words import clauses, length, number, on_side, the, uncertainty
 from .groups import Verdict
 from .remedies import MATCH, Holds, is_matched, reaching
@@ -65,6 +66,8 @@ AS_BUILT = (
 
 SHARPER = "a better corrected lens, a smaller FAP or a smaller sensor lets more of the field hold it"
 """Remedy of detail that the corner of the field does not show."""
+LIT = "free the images from what cuts them (the field's verdict says what)"
+"""Remedy of a field whose edge gets no light."""
 FLAT = 179.0
 """Full angle of the widest field that a flat sensor sees [degrees]."""
 STEPS = ("nm", "um", "mm", "m")
@@ -208,6 +211,9 @@ def requirements(
         value = closed if rays is None else rays
         undefined = math.isnan(value) or (quantity.of_views and not has_views(camera))
         met = not undefined and bool(quantity.within(low, high, value))
+        of_field = "field_of_view" in quantity.name or quantity.name.startswith("field_half")
+        dark = of_field and met and low is not None and _is_dark(shown, quantity, low / value)
+        met = met and not dark
         where = "" if field is None else f" in the field's {field}"
         where += "" if asked.at is None else f" at {number(asked.at, 4)} mm"
         label = (quantity.label or quantity.name) + where
@@ -220,7 +226,11 @@ def requirements(
         if aliases:
             counts = f"of contrast; detail above {number(fold, 4)} {quantity.unit} aliases"
         worst, caution = (None, "") if depth is None or undefined else (depth.worst, depth.caution)
-        if met and depth is not None and depth.as_drawn:
+        if dark:
+            counts, remedy = clauses(counts, "dark at the edge of what is required"), LIT
+        elif met and of_field and not shown.points[shown.farthest].relative_illumination > 0:
+            only, remedy = "with a dark corner", LIT
+        elif met and depth is not None and depth.as_drawn:
             only, remedy = "as drawn", AS_BUILT
         elif depth is not None and not undefined and high is not None and value > high:
             remedy = _of_depth(depth, high)
@@ -293,6 +303,13 @@ def _of_colours(camera: Camera, at: float | None, detail: float) -> tuple[str, f
     return (f"of all pixels refocused; single views alias: {views} lp/mm", coarsest) if detail > coarsest else None
 
 
+def _is_dark(shown: FieldImages, quantity: Quantity, share: float) -> bool:
+    """Whether a field that is required, such a share of what the sensor sees, gets no light at its ends."""
+    pair = 0 if "width" in quantity.name else 1 if "height" in quantity.name else 2
+    images = images_of(shown.design, share * shown.ends.fields[2 * pair : 2 * pair + 2])
+    return not np.all(QUANTITIES["relative_illumination"].at_fields(images) > 0)
+
+
 def _slip_of_unit(asked: Required, low: float | None, high: float | None, value: float, unit: str) -> str:
     """Question about a limit's unit, where the next one is about a thousand times nearer to what the design has."""
     text, limit = (asked.max, high) if high is not None and value > high else (asked.min, low)
@@ -316,7 +333,7 @@ def _also_held(design: Design, camera: Camera) -> dict[str, Holds]:
     return own | {
         f"{quantity.label or quantity.name} as required": within(quantity, asked.at, low, high)
         for asked, quantity, low, high in limits(design)
-        if asked.field is None and not quantity.numeric
+        if asked.field is None
     }
 
 

@@ -15,6 +15,7 @@ from .._arrays import Array
 from ..camera import Camera
 from ..design import Design
 from ..errors import InputError, Problem
+from ..fates import ImageFate
 from ..json_data import plain
 from ..options import Distance, check_distances
 from ..progress import UNHEARD, Share
@@ -205,6 +206,17 @@ class FieldImages:
         """Which of the images is farthest out on the focal plane: the corner's."""
         return self.points.index(corner(self.points))
 
+    @property
+    def shown_last(self) -> _FieldPoint:
+        """The farthest of the fields that gets light and is imaged once; the middle where none else does."""
+        folded = () if isinstance(self.images, IdealImages) else self.images.traced.status == ImageFate.FOLDED
+        seen = [
+            point
+            for k, point in enumerate(self.points)
+            if point.relative_illumination > 0 and not (len(folded) and folded[k])
+        ]
+        return corner(seen or self.points[:1])
+
     def detail_in(self, field: str, at: float | None) -> Resolved:
         """Detail of a refocused image at the field's "edge" or "corner", on a plane."""
         place = self.farthest if field == "corner" else 1
@@ -369,9 +381,9 @@ class Specification(BriefValue):
     depth_of_field_mm: _SharpEnds
     field: tuple[_FieldPoint, ...]
     distortion: float | None
-    """Distortion at the farthest of the fields [%]."""
+    """Distortion at the farthest of the fields that is lit and imaged once [%]."""
     relative_illumination: float
-    """There, too."""
+    """Light at the farthest of the fields."""
     pixels: tuple[int, int]
     views_across: float
     independent_views_across: float
@@ -513,7 +525,7 @@ def specification(
         resolution=tuple(rows),
         depth_of_field_mm=sharp,
         field=points,
-        distortion=farthest.distortion_percent,
+        distortion=shown.shown_last.distortion_percent,
         relative_illumination=farthest.relative_illumination,
         pixels=design.pixels,
         views_across=value["views_geometric"],

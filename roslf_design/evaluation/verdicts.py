@@ -299,7 +299,7 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None, answer: F
     """By Eq. 6; behind a real lens by its traced images, Eq. 6's bound beside it."""
     half, corner = thin.field_half_width_mm, thin.field_half_diagonal_mm
     if answer is not None and camera.lens.mounted and math.isfinite(answer.at[0].width_mm):
-        half, corner = answer.at[0].width_mm / 2, math.hypot(answer.at[0].width_mm, answer.at[0].height_mm) / 2
+        half, corner = answer.at[0].width_mm / 2, answer.at[0].diagonal_mm / 2
     sees = f"the sensor sees {half:.4g} mm (half width), {corner:.4g} mm (corner); {_shifted(camera)}{_stopped(camera)}"
     by_thin = "" if thin.undistorted_in_field else _field_remedy(camera, thin)
     off = any(np.any(value) for at, value in camera.numbers.items() if ".decentre." in at)
@@ -423,9 +423,12 @@ def _field_remedy(camera: Camera, field: Numbers) -> str:
         name = cut["rim"].partition(",")[0]  # of either face of an element
         grow[name] = max(grow.get(name, 0.0), 2 * abs(cut["clearance_mm"]))
     parts, room = tube.housed(camera), tube.room(camera)
-    if tight := [part.name for part in parts if part.clear + grow.get(part.name, -math.inf) > room]:
-        names = listed([*map(the, tight)])
-        return f"the tube leaves no room to widen {names}: {others}, or a wider tube, frees the field"
+    if tight := [part for part in parts if part.clear + grow.get(part.name, -math.inf) > room]:
+        wide = listed([f"{the(part.name)} {float(part.clear + grow[part.name]):.4g} mm" for part in tight])
+        return (
+            f"the whole field takes {wide} wide, and the tube leaves {float(room):.4g} mm: {others}, or a wider tube, "
+            "frees the field"
+        )
     if [*grow] == ["main lens"]:
         wide = float(camera.cold.D) * (1 + grow["main lens"] / float(camera.D))
         sure = min((one.clear_aperture for one in camera.lens.prescribed if one.clear_aperture), default=math.inf)

@@ -30,8 +30,8 @@ class _Housed(NamedTuple):
     name: str
     """Name in ray budgets; of an element's two faces both."""
     width: Number
-    """Diameter, of a bought window or lens its outer, of a real lens that of its widest surface, or diagonal, and twice how
-    far it is decentred [mm]."""
+    """Diameter, of a bought window or lens its outer, of a real lens that of its widest surface, or diagonal, and twice
+    how far it is decentred [mm]."""
     place: Number
     """Its end towards the scene [mm before the main lens, below 0 behind it]."""
     clear: Number

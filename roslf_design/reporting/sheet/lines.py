@@ -90,6 +90,10 @@ SMALL = 0.1
 """Length below which micrometres are printed, as `words.length` has them [mm]."""
 NO_DISTORTION = 0.01
 """Distortion below which no cause is named [%]."""
+BY_DEFINITION = "ideal lens: by definition"
+"""Remark on a number that says nothing of the lens that is bought."""
+UNLIT = "the corner is dark or folded; this is the farthest field told of that is not"
+"""Remark on a number that is not of the corner."""
 PARTS, REQUIRED, HEAD = "parts", "Required", "This sheet"
 HALF_PAGE = 520.0
 """Height up to which a drawing leaves room for another on its page [px]."""
@@ -316,24 +320,34 @@ def _lines(
         limit = "mtf50_lp_per_mm" if row.limited_by == "contrast" else "fold_lp_per_mm"
         remark, own = "" if dark else row.remark, limit if axial else ""
         yield _SheetLine("Resolution", at, row.usable_lp_per_mm, "lp/mm", remark, own, dark, of)
-    outermost, middle = corner(sheet.field), sheet.field[0]
+    farthest, outermost, middle = corner(sheet.field), shown.shown_last, sheet.field[0]
     at = "in the corner" if outermost.angle_deg is None else f"at {number(outermost.angle_deg, 4)} deg off axis"
     scale = None
     if outermost.local_magnification is not None and middle.local_magnification is not None:
         scale = outermost.local_magnification / middle.local_magnification if middle.local_magnification else 0.0
     lost = "not seen" if outermost.distortion_percent is None or scale is None else ""
-    places = (middle.x_ml_mm, outermost.x_ml_mm)
-    bent, shaded = _Corner("distortion_percent", places), _Corner("relative_illumination", places, 100.0)
-    stretched = _Corner("local_magnification", places, against=True)
+    bent: _Corner | None = _Corner("distortion_percent", (middle.x_ml_mm, outermost.x_ml_mm))
+    stretched: _Corner | None = _Corner("local_magnification", (middle.x_ml_mm, outermost.x_ml_mm), against=True)
+    shaded = _Corner("relative_illumination", (middle.x_ml_mm, farthest.x_ml_mm), 100.0)
+    unlit = "" if outermost == farthest else UNLIT
     barrel, bent_by = "below 0 is barrel-shaped", outermost.distortion_percent or 0.0
-    if abs(bent_by) > NO_DISTORTION and not traced and not camera.mapping.bends:
-        barrel += "; of the flat faces of windows (or of their liquid) before the lens: the ideal lens itself has none"
+    against = "against the middle, along the field's radius"
+    if not traced and not camera.mapping.bends:
+        if camera.chain.bends_rays:
+            windows = (
+                "of the flat faces of windows (or of their liquid) before the lens: the ideal lens itself has none"
+            )
+            barrel = clauses(barrel, windows * (abs(bent_by) > NO_DISTORTION))
+        else:
+            bent = stretched = None
+            barrel, against = BY_DEFINITION, f"{against}; {BY_DEFINITION}"
+    barrel, against = clauses(barrel, unlit), clauses(against, unlit)
     yield _SheetLine(
         "Over the field", f"distortion {at}", outermost.distortion_percent, "%", barrel, text=lost, of=bent
     )
-    against = "against the middle, along the field's radius"
     yield _SheetLine("Over the field", f"local magnification {at}", scale, "", against, text=lost, of=stretched)
-    light = 100 * outermost.relative_illumination
+    at = "in the corner" if farthest.angle_deg is None else f"at {number(farthest.angle_deg, 4)} deg off axis"
+    light = 100 * farthest.relative_illumination
     yield _SheetLine("Over the field", f"relative illumination {at}", light, "%", "against the middle", of=shaded)
     answer = lit(FirstAnswer.of(shown, budget=budgets[None]))
     remark = clauses(answer.text, answer.remedy)
