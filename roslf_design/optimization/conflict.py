@@ -160,12 +160,12 @@ class Conflict:
 
 
 def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudget, seed: int) -> Conflict:
-    """Find what stands in the way of a problem, from where searches ended (best first) and Sobol points by the seed.
+    """Find what stands in the way of a problem, from where searches ended (best first), its base design and others.
 
     Where the budget is spent, some more is taken.
     """
     sided = problem.one_sided()
-    pool = _Pool(sided, budget, [*points, *sobol_units(problem.n, FRESH_POINTS, seed + 1)])
+    pool = _Pool(sided, budget, [*points, *problem.drawn, *sobol_units(problem.n, FRESH_POINTS, seed + 1)])
     every = frozenset(range(len(sided.constraints)))
     unit = pool.nearest(every)
     rows = np.nan_to_num(sided.limits(unit[None])[:, 0], nan=BIG)
@@ -234,6 +234,11 @@ class _Pool:
         """By how much each point misses some of the limits at most."""
         return np.asarray(self.over[[0, *(k + 1 for k in sorted(keep))]].max(axis=0))
 
+    def in_all(self, keep: frozenset[int]) -> Array:
+        """What each point misses of some of the limits in all, as searches for the least violation count it."""
+        over = np.maximum(self.over, 0.0)
+        return np.asarray(10.0 * over[0] + over[[k + 1 for k in sorted(keep)]].sum(axis=0))
+
     def best(self, keep: frozenset[int]) -> Array:
         """The point met that misses some of the limits least."""
         return np.asarray(self.units[self.missed(keep).argmin()])
@@ -245,7 +250,7 @@ class _Pool:
 
     def _starts(self, keep: frozenset[int]) -> list[Array]:
         starts: list[Array] = []
-        for unit in self.units[np.argsort(self.missed(keep), kind="stable")]:
+        for unit in self.units[np.argsort(self.in_all(keep), kind="stable")]:
             if all(np.abs(unit - other).max() > APART for other in starts):
                 starts.append(unit)
             if len(starts) == STARTS:
@@ -262,7 +267,7 @@ class _Pool:
         guard = self._guard(part)
         unit, _ = least_violation(guard, self._starts(keep), [10.0 if row.constraint < 0 else 1.0 for row in part.rows])
         self.add(np.stack([unit] if guard.unit is None else [unit, guard.unit]))
-        return self.best(keep) if guard.feasible else unit
+        return self.best(keep) if guard.feasible else np.asarray(self.units[self.in_all(keep).argmin()])
 
     def possible(self, keep: frozenset[int]) -> bool | None:
         """Whether some limits can hold together, as far as searches tell; None where the budget ended one."""

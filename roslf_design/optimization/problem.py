@@ -9,7 +9,7 @@ one per cent of a goal is worth against one per cent of another.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import pairwise
@@ -25,6 +25,7 @@ from ..camera import BESIDE, TIP, Camera, Number
 from ..design import PATHS, Design
 from ..evaluation.specification import FieldImages, rays_tell
 from ..lenses.glass import Glass
+from ..theory.field_of_view import focus_ahead
 from ..theory.focused import LEAST_VIEWS, LIMIT, filtered_views, pupil_blur_ratio
 from ..theory.light import sensor_field
 from ..theory.quantity import Quantity
@@ -182,6 +183,21 @@ class DesignProblem:
     def named(self, unit: Array) -> dict[str, float]:
         """Variable name to its value at one point [mm]."""
         return {name: float(v.value(unit[i])) for i, (name, v) in enumerate(self.variables.items())}
+
+    def before(self, names: Iterable[str]) -> dict[str, float]:
+        """Values [mm] that the base design has of these names, where they are its lengths."""
+        camera = Camera.of(self.design)
+        numbers = {**camera.numbers, "working_distance": float(focus_ahead(camera))}
+        places = {name: PATHS.get(name, name) for name in names}
+        return {name: float(numbers[place]) for name, place in places.items() if place in numbers}
+
+    @property
+    def drawn(self) -> list[Array]:
+        """Scaled variables of the base design; none where it is outside the bounds, or has not all of them."""
+        drawn = self.before(self.variables)
+        if not all(name in drawn and v.min <= drawn[name] <= v.max for name, v in self.variables.items()):
+            return []
+        return [np.array([v.unit(drawn[name]) for name, v in self.variables.items()])]
 
     def cameras(self, units: Array) -> Camera:
         """The cameras at scaled variables of shape (..., n)."""

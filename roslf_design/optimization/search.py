@@ -43,6 +43,8 @@ ROW_TOLERANCE = 1e-11
 """Passed to nlopt; the guard's own `FEASIBLE` decides."""
 NEAR = 1e-7
 """Rows this close to their limit are put exactly on it in the end."""
+GENTLE = 0.01
+"""Cost of a scaled row's violation where it is relaxed: where slacks cost much more, SLSQP breaks down at its start."""
 LARGEST_SLACK = 50.0
 """Largest slack of a scaled row that is relaxed; what is worse is cut off there."""
 
@@ -403,7 +405,7 @@ def least_violation(
         rows = every[:, np.ravel(which)]
         slack = np.zeros_like(rows)
         slack[soft] = LARGEST_SLACK * units[:, n:].T
-        return np.concatenate([(costs[soft] @ slack[soft])[None], rows - slack])
+        return np.concatenate([GENTLE * (costs[soft] @ slack[soft])[None], rows - slack])
 
     best: tuple[float, float, Array, Array] | None = None
     for start in starts:
@@ -411,10 +413,10 @@ def least_violation(
             break
         inner = Guard(relaxed, guard.budget, roughly=guard.roughly)
         over = np.maximum(guard.rows(_inside(start))[0][1:], 0.0)
-        slsqp(inner, np.concatenate([start, over[soft] * 1.01 / LARGEST_SLACK]), evaluations, COARSE)
+        slsqp(inner, np.concatenate([start, over[soft] * 1.01 / LARGEST_SLACK]), evaluations, GENTLE * COARSE)
         if inner.unit is None:
             continue
-        if not soft.all() or inner.merit < FAR * COARSE:  # else nothing near it holds
+        if not soft.all() or inner.merit < GENTLE * FAR * COARSE:  # else nothing near it holds
             slsqp(inner, inner.unit, evaluations)
         unit = inner.unit[:n]
         rows = guard.rows(unit)[0][1:]

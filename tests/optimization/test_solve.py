@@ -10,9 +10,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 import roslf_design as roslf
+from roslf_design.optimization.conflict import explain
 from roslf_design.optimization.goals import Goal
 from roslf_design.optimization.problem import sobol_units
-from roslf_design.optimization.search import search, value_and_jacobian
+from roslf_design.optimization.search import SearchBudget, search, value_and_jacobian
 from roslf_design.optimization.solve import Settings, solve
 from roslf_design.theory import information_series
 from tests.optimization.posing import PAPER, goal, limit, posed
@@ -295,6 +296,30 @@ def gridded():
     cameras = free.cameras(grid)
     ok = (free.limits(grid) <= 0).all(axis=0)
     return ok, {name: np.broadcast_to(roslf.quantity(name)(cameras), len(grid)) for name in QUANTITIES}
+
+
+def in_all(problem, unit):
+    """What a point misses of all limits together."""
+    return np.maximum(problem.one_sided().limits(unit[None]), 0.0).sum()
+
+
+def test_what_misses_least_is_the_same_from_everywhere_and_never_worse_than_the_base_design():
+    """No start is given; a search whose limits are far off must not end where it began."""
+    design = roslf.load("paper").replace({"depth.disparity_error": 0.1, "d_2": 2.0})
+    for ask, wide in ((1e-4, 9.0), (1e-2, 4e3), (1e-7, 1e5)):
+        limits = [limit("sigma_z_mm", None, ask), limit("field_half_diagonal_mm", wide), limit("fill_factor", 0.9, 1.0)]
+        bounds = {"d_2": (0.5, 10), "d_3": (0, 300), "D_F": (1, 4), "d": (0.02, 1)}
+        problem = posed(bounds, limits, goal("views_independent", "max"), design=design)
+        (drawn,) = problem.drawn
+        assert problem.named(drawn) == pytest.approx(problem.before(bounds))
+        ends = []
+        for seed in range(3):
+            unit = explain(problem, (), SearchBudget(), seed).unit
+            ends.append(in_all(problem, unit))
+            assert ends[-1] <= in_all(problem, drawn)
+            around = np.clip(unit + np.random.default_rng(seed).normal(0, 0.01, (64, 4)), 0, 1)
+            assert ends[-1] <= min(in_all(problem, one) for one in around) + 1e-3
+        assert ends == pytest.approx(ends[:1] * 3, rel=1e-3)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -6,7 +6,6 @@ import re
 import sys
 import tomllib
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,12 +20,12 @@ from roslf_design.optimization.conflict import Conflict, _Violation
 from roslf_design.optimization.study import load_study, read_study
 from roslf_design.optimization.study import run as run_study
 from roslf_design.reporting.blocks import Statements, Table
-from roslf_design.reporting.optimise.pages import _before, optimization_report, statements
+from roslf_design.reporting.optimise.pages import optimization_report, statements
 from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.focused import LIMIT, has_views, pupil_blur_ratio
 from roslf_design.theory.length_covariance import LengthCovariance
 from roslf_design.units import parse_quantity
-from tests.optimization.posing import GOOD, PAPER
+from tests.optimization.posing import GOOD, PAPER, posed
 
 FOLLOWS = "microlens_in_focus = true"
 """The array's microlenses, made for it: behind a pupil so wide the paper's own show no views."""
@@ -491,7 +490,7 @@ def test_an_optimum_by_views_is_a_camera_that_has_views():
 def test_what_a_working_distance_was_before_is_told():
     """It is no length of a design file, but the distance of its focal plane from the tip."""
     design = roslf.load("arthroscope")
-    before = _before(SimpleNamespace(problem=SimpleNamespace(design=design)), ("working_distance", "d_2"))
+    before = posed({}, (), design=design).before(("working_distance", "d_2"))
     told = roslf.evaluate(design).answer.working_distance_mm
     assert before == {"working_distance": pytest.approx(told), "d_2": design.d_2}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +25,6 @@ from ...optimization.study import Result
 from ...optimization.traces import Retrace
 from ...optimization.variables import NUMBERS
 from ...tables import Column
-from ...theory.field_of_view import focus_ahead
 from ...theory.focused import pupil_blur_ratio
 from ...theory.light import microlens_defocus_waves
 from ...theory.quantities import QUANTITIES, bound_note, in_words
@@ -371,14 +370,6 @@ def _about_bore(result: Result) -> Statement:
 # --- before and after -------------------------------------------------------------------------------------------------
 
 
-def _before(answer: Answer, names: Iterable[str]) -> dict[str, float]:
-    """Values that a study's design had of variables and of what follows from them, where they are its lengths."""
-    camera = Camera.of(answer.problem.design)
-    numbers = {**camera.numbers, "working_distance": float(focus_ahead(camera))}
-    places = {name: PATHS.get(name, name) for name in names}
-    return {name: float(numbers[place]) for name, place in places.items() if place in numbers}
-
-
 def _change(result: Result) -> Iterator[Figure]:
     """The camera before and after, and what changed; nothing where no design came of it."""
     answer, after = result.answer, next((design for _, design in result.designs()), None)
@@ -393,7 +384,7 @@ def _change(result: Result) -> Iterator[Figure]:
         pictures.append(replace(picture, remarks=(*picture.remarks, mark)))
     across, up = picture.mapping.per_px
     values = answer.variables() | answer.followers()
-    was, camera = _before(answer, values), Camera.of(before)
+    was, camera = answer.problem.before(values), Camera.of(before)
     moved = []
     for goal in answer.asked.goals:
         if goal.field is None and not math.isnan(old := float(np.ravel(goal.values(camera))[0])):
@@ -429,7 +420,7 @@ def _tables(result: Result) -> Iterator[Table]:
     def called(name: str) -> str:
         return f"{name}, {others[name]}" if name in others else name
 
-    before, (filed, caption) = _before(answer, values), _as_filed(result)
+    before, (filed, caption) = answer.problem.before(values), _as_filed(result)
     columns: tuple[Column, ...] = (
         ("variable", "l", called),
         ("before", "d", lambda name: f"{before[name]:.5g}" if name in before else ""),
@@ -467,7 +458,7 @@ def _tables(result: Result) -> Iterator[Table]:
             ("asked", "r", lambda way: f"{way.limit:.6g}"),
             ("at the least-violating point", "r", lambda way: missed.get(way.label, "")),
             (
-                "moved alone, feasible from",
+                "all others kept, feasible from",
                 "r",
                 lambda way: way.feasible_from or "does not help alone",
             ),
