@@ -66,6 +66,8 @@ SIGMAS = 2.0
 """Width of an error bound in standard errors: a share is off by more in at most 5 % of runs."""
 PARTS, LEAST = 20, 10
 """Parts of the kept trials whose scatter is measured, and trials of each at least."""
+ROUNDING = 1e-12
+"""Share of a number that is no move of it."""
 KNOWN_LENGTHS = ("u_z_mm", "u_z_at_field_mm")
 """Metrics that take the lengths of each build as known."""
 
@@ -402,7 +404,7 @@ def analyse(
         put_together=put_together(plan) if variants[-1].impossible else np.zeros(count),
         focusing=least_reach(plan) if lost > room >= collide else None,
         worst=worst,
-        warnings=(*tracing, *_warnings(plan, variants, rss, misses)),
+        warnings=(*tracing, *_warnings(plan, variants, rss, misses, moves)),
         built=lengths_built(plan),
         tracing=tracing,
     )
@@ -448,7 +450,11 @@ def depth_left_out(design: Design, goals: Sequence[tuple[str, float | None]], bu
 
 
 def _warnings(
-    plan: TolerancePlan, variants: tuple[Variant, ...], rss: tuple[RssRow, ...], misses: tuple[str, ...]
+    plan: TolerancePlan,
+    variants: tuple[Variant, ...],
+    rss: tuple[RssRow, ...],
+    misses: tuple[str, ...],
+    moves: Sensitivity,
 ) -> Iterator[str]:
     if misses:
         yield (
@@ -490,9 +496,13 @@ def _warnings(
             f"of rays through the nominal lens, from where builds change as their thin-lens models do: {named}; what "
             "wedges and decentres of surfaces take of detail is not in it"
         )
-    axial = [column.label for column in plan.columns if column.field is None]
-    if axial and any(".tilt." in p.place and not p.place.startswith("elements.") for p in plan.draws.perturbations):
-        yield f"of the whole camera, on its axis, so blind to decentres and tilts: {', '.join(axial)}"
+    moved = np.maximum(np.abs(moves.plus[0]), np.abs(moves.minus[0])) > ROUNDING * np.abs(plan.nominal)[:, None]
+    for kind in ("decentre", "tilt"):
+        of_kind = [f".{kind}." in p.place for p in plan.draws.perturbations]
+        still = zip(plan.columns, moved[:, of_kind].any(axis=1).tolist(), strict=True)
+        unmoved = [column.label for column, any_moves in still if column.field is None and not any_moves]
+        if any(of_kind) and unmoved:
+            yield f"of the whole camera, moved by no {kind} here: {', '.join(unmoved)}"
 
 
 def save_worst(plan: TolerancePlan, tally: Tally, folder: Path) -> tuple[WorstTrial, ...]:

@@ -15,6 +15,7 @@ from roslf_design.evaluation.specification import specification
 from roslf_design.fates import ImageFate
 from roslf_design.lenses.prescription import first_order
 from roslf_design.reporting.story import _run_tolerances
+from roslf_design.reporting.tolerance.pages import headline
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.metrics import METRICS, Question, builds_of, evaluate_builds, faults_of
 from roslf_design.tolerancing.places import LENS, LENSLETS, load_grades, nominal_values, perturbable
@@ -359,8 +360,28 @@ def test_a_study_says_what_goes_by_a_formula_behind_a_real_lens():
     data = {"name": "n", "trials": 64, "sobol_samples": 0, "perturb": [moved]}
     data["goals"] = [{"metric": "undistorted_field_mm", "min": 0.5}]
     for design, behind in (("paper-singlet", True), ("paper", False)):
-        warnings = _run_tolerances({**data, "design": design}, budgets=False).warnings
-        assert any("undistorted_field_mm is not traced behind the real lens" in w for w in warnings) == behind
+        result = _run_tolerances({**data, "design": design}, budgets=False)
+        assert any("undistorted_field_mm is not traced behind the real lens" in w for w in result.warnings) == behind
+        first = headline(result)  # beside the yield that is judged so, with the remedy
+        assert (
+            first.startswith("Undistorted field radius (") == ("non_distortion_room_mm at a field" in first) == behind
+        )
+
+
+PLACED = (("decentre", "50 um"), ("tilt", "1 mrad"))
+
+
+def test_a_study_says_which_misalignments_move_no_number_of_the_whole_camera():
+    """A stop's decentre takes undistorted field from both sides alike; no tilt does, and what the sensor sees stays."""
+    perturb = [{"place": f"aperture.{kind}.1", "tolerance": size} for kind, size in PLACED]
+    data = {"name": "n", "design": "rigid-scope", "trials": 64, "sobol_samples": 0, "perturb": perturb}
+    data["goals"] = [{"metric": name, "max": 1000} for name in ("undistorted_field_mm", "field_half_width_mm")]
+    result = _run_tolerances(data, budgets=False)
+    assert result.sensitivity.plus[0, 0, 0] < 0
+    assert [w for w in result.warnings if "moved by no" in w] == [
+        "of the whole camera, moved by no decentre here: field_half_width_mm",
+        "of the whole camera, moved by no tilt here: undistorted_field_mm, field_half_width_mm",
+    ]
 
 
 def test_a_study_has_at_nominal_what_evaluate_traces():

@@ -26,7 +26,7 @@ from ...theory.quantity import finite
 from ...tolerancing.budgets import Change, ToleranceBudget
 from ...tolerancing.clearances import Missed, tight_clearances
 from ...tolerancing.draws import Perturbation
-from ...tolerancing.metrics import DISTANT, METRICS
+from ...tolerancing.metrics import DISTANT, METRICS, mount_of
 from ...tolerancing.places import display, perturbable, short_name
 from ...tolerancing.result import KNOWN_LENGTHS, StudyResult, WorstTrial, reach_of
 from ...tolerancing.study import CALIBRATION, OWN, TolerancePlan
@@ -137,10 +137,17 @@ def tolerance_finding(result: StudyResult, *, first_look: bool = False) -> Findi
 
 def headline(result: StudyResult) -> str:
     """Sentence on the yield and its interval."""
-    plan = result.plan
+    plan, columns = result.plan, {column.label: column for column in result.final.distributions}
+    thin = {columns[limit.label].column.metric: columns[limit.label] for limit in result.final.limits}
+    untraced = "".join(
+        f"{in_words(name)} ({number(thin[name].nominal)} nominal) is judged by the thin-lens model, which `roslf "
+        f"evaluate` overrules by rays: it leaves out {left_out}. "
+        for name, left_out in mount_of(plan.question.design).left_out.items()
+        if name in thin
+    )
     adjusted = "" if len(result.variants) == 1 else f" ({100 * result.variants[0].result.value:.2f} % as built)"
     return (
-        f"Yield {100 * result.final.result.value:.2f} %{adjusted}, "
+        f"{untraced[:1].upper()}{untraced[1:]}Yield {100 * result.final.result.value:.2f} %{adjusted}, "
         f"95 % interval {interval_words(result.final.result)} %, "
         f"{plan.trials:,} Monte Carlo units (builds), seed {plan.draws.seed}; {limits_words(result.final)}"
     )
@@ -540,7 +547,8 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
     )
     share = "1/sqrt(n)" if result.study.share == "rss" else "1/n"
     caption = (
-        "r²: squared correlation with the weakest metric. Alone up to: where, all else nominal, the first goal fails, "
+        "r²: squared correlation with the weakest metric, 0 of what moves it alike both ways, as a decentre does (its "
+        "Sobol indices count that). Alone up to: where, all else nominal, the first goal fails, "
         "or the build cannot be put together; looked for within a tenth of a length, 0.1 rad of an angle, and the "
         "tolerance given. "
         f"Shared budget: what uses {share} of each limit's margin, n = {len(shares)} parameters."
