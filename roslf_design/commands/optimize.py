@@ -14,6 +14,7 @@ from ..reporting.optimise.pages import optimisation_pictures, optimization_repor
 from ..reporting.printers import page_files
 from .results import print_titled
 from .terminal import (
+    Flag,
     Json,
     Output,
     check_options,
@@ -36,6 +37,7 @@ def optimize(
     json: Json = False,
     seed: int | None = None,
     accuracy: float | None = None,
+    strict: Flag = False,
 ) -> int:
     """Find the design: from what the bore allows and what must be seen, or say what stands in the way.
 
@@ -50,6 +52,9 @@ def optimize(
     accuracy
         What the merit of the optimum may be off by, as 1e-4 (0.01 is 1 % of a goal): searches stop at a hundredth of
         it. Default: at 1e-8. The best is polished, to 1e-6 or better.
+    strict
+        End with exit code 1 where no design holds every limit. Default: 0; what stands in the way is an answer, no
+        error.
     """
     check_options(seed, output)
     if accuracy is not None:
@@ -70,7 +75,7 @@ def optimize(
         **page_files(report),
     }
     write_files(output, files)
-    code = 130 if result.ranking is not None and result.ranking.stopped else 0
+    code = 130 if result.ranking is not None and result.ranking.stopped else int(strict and not result.answer.feasible)
     if json:
         print(json_text(result.to_dict()))
         return code

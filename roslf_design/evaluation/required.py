@@ -436,6 +436,10 @@ def studied(
     data: Mapping[str, Any], folder: Path, design: Design | None, faults: list[Problem]
 ) -> tuple[Mapping[str, Any], Design | None]:
     """A study's values and its design: the one given takes the place of the file's own; faults are added to."""
+    if isinstance(data.get("required"), (Mapping, list)):
+        remedy = "write it in the design's file, and `required = true` here for a study that holds it"
+        faults.append(Problem("required", f"what a design must reach stands with the design; {remedy}"))
+        data = {**data, "required": False}
     if design is not None:
         return {**data, "design": design.name}, design
     name = data.get("design")

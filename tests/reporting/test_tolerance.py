@@ -366,6 +366,8 @@ def test_clearances_that_a_tolerance_takes_over_half_of_are_told_before_and_afte
             code, _, err = run(capsys, "tolerance", tmp_path / "study.toml", "-o", tmp_path / "out")
             assert code == 0
             assert f"roslf: {told}\n" in err  # no grade is to blame
+            page = (tmp_path / "out" / "index.html").read_text()
+            assert str(tmp_path / "out") in page.partition("roslf tolerance ")[2].partition("<")[0]  # "Run again"
 
 
 def two_plates(gap, *perturb, **more):
