@@ -188,14 +188,18 @@ def _print_plan(design: str, asked: PlanOptions, distortion: int | None, json: b
         plan = calibration_plan(loaded, asked, distortion)
     if isinstance(plan, str):
         raise refusal("plan", plan)
+    build = first_look_lengths(loaded, asked.seed)
     if json:
         large = too_large(loaded, plan.captures)
         notes = [f"{large}: {smaller_board(loaded, plan.captures)}"] if large else []
-        depth, *there = (plain(pages.planned_depth(loaded, plan, asked, at=z).to_dict()) for z in (None, *asked.at))
-        further = [{"at_mm": z, **one} for z, one in zip(asked.at, there, strict=True)]
-        told = {"depth_expected": depth, "depth_expected_at": further, "warnings": notes}
+        told: dict[str, Any] = {"warnings": notes}
+        for key, tolerances in (("depth_expected", None), ("depth_with_tolerances", build)):
+            places = (None, *asked.at)
+            depth, *there = (pages.planned_depth(loaded, plan, asked, tolerances, z).to_dict() for z in places)
+            told[key] = plain(depth)
+            told[f"{key}_at"] = [{"at_mm": z, **plain(one)} for z, one in zip(asked.at, there, strict=True)]
         told |= {"cover": plain(plan_cover(loaded, plan.captures, asked))}
         print(json_text({**plan.to_dict(loaded.name, asked.seed), **told}))
         return
-    blocks = pages.plan_blocks(loaded, plan, asked, looked=first_look_lengths(loaded, asked.seed))
-    print_titled(f"Plan of a calibration of {loaded.name}, by captures alone", blocks)
+    blocks = pages.plan_blocks(loaded, plan, asked, build)
+    print_titled(f"Plan of a calibration of {loaded.name}, a first look's tolerances known before", blocks)

@@ -124,6 +124,8 @@ class FirstAnswer:
     """Finest detail in the corner at the focal plane, refocused; None where it is dark, or pixels are no views."""
     depth_degc: float | None
     """Temperature that depths are expected at [degrees C]; None over `environment.range`, or where nothing tells it."""
+    depth_between_degc: tuple[float, float] | None
+    """Ends of `environment.range`, over which depths are then expected."""
     at: tuple[_AtDistance, ...]
     """At the focal plane, then at the distances asked for."""
 
@@ -198,6 +200,7 @@ class FirstAnswer:
             *tube.walls(camera),
             outer,
             None if met is None or met[0] != met[1] else float(met[0]),
+            None if met is None or met[0] == met[1] else (float(met[0]), float(met[1])),
             tuple(planes),
         )
 
@@ -205,6 +208,8 @@ class FirstAnswer:
     def headings(self) -> tuple[str, ...]:
         """Headings of the table over distances."""
         warm = "" if self.depth_degc is None else f" at {self.depth_degc:g} °C"
+        if self.depth_between_degc is not None:
+            warm = " over {:g} to {:g} °C".format(*self.depth_between_degc)
         return "ahead of the tip", "field", f"depth, U{warm}", "mostly of", "detail"
 
     @property

@@ -33,7 +33,7 @@ from ..theory.depth_budget import (
     depth_budget,
 )
 from ..theory.focused import has_views, pupil_remedy
-from ..theory.length_covariance import LengthCovariance
+from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.limits import as_design, limits
 from ..theory.quantities import NO_LENS_MOVES, QUANTITIES, quantity_named
 from ..theory.quantity import FEASIBLE, Quantity
@@ -277,12 +277,15 @@ def requirements(
     return tuple(told)
 
 
-def required_of(design: Design, build: LengthCovariance | None = None) -> tuple[Requirement, ...]:
-    """Requirements of a design as `evaluate` judges them, its lengths as drawn or as built."""
+def required_of(
+    design: Design, build: LengthCovariance | None = None, calibration: CalibratedLengths | None = None
+) -> tuple[Requirement, ...]:
+    """Requirements of a design as `evaluate` judges them, its lengths as drawn, as built or as calibrated."""
     if not design.required:
         return ()
     camera = Camera.of(design)
-    return requirements(FieldImages.of(design), camera, partial(depth_budget, camera, build=build))
+    budget = partial(depth_budget, camera, build=build, calibration=calibration)
+    return requirements(FieldImages.of(design), camera, budget)
 
 
 def missed_words(required: Sequence[Requirement]) -> str:

@@ -303,11 +303,14 @@ def temperature_table(result: Evaluation) -> Table | None:
     if (warm := result.temperature) is None:
         return None
     rows = tuple(row.cells(warm.temperature_degc) for row in warm.at)
+    here, known = f"{warm.temperature_degc:g} °C", result.depth["expected"]["calibrated_at_degc"]
+    other = f" The term temperature of depth, expected, counts from {known:g} °C, where it is calibrated."
     caption = (
         f"The camera as it is focused, in a {warm.held}; disparity between the FAP's rims is that of what is in focus "
-        f"at {warm.temperature_degc:g} °C. Parts clear: none reaches into another; the tube has a verdict of its own."
+        f"at {here}, where it is used.{'' if known in (None, warm.temperature_degc) else other} Parts clear: none "
+        "reaches into another; the tube has a verdict of its own."
     )
-    headings = ("temperature", "f", "d_1", "d_f", "disparity [pitches]", "image fill", "parts clear")
+    headings = ("temperature", "f", "d_1", "d_f", f"disparity from {here} [pitches]", "image fill", "parts clear")
     return Table(rows, "lrrrrrl", headings, "Temperature", caption)
 
 

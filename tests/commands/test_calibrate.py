@@ -460,9 +460,11 @@ def test_the_plan_of_the_paper(capsys):
     code, out, _ = run(capsys, "calibrate", "--plan", "paper")
     assert code == 0
     assert "Expected sigma after one change" in out
-    assert "Calibration as planned, by captures alone: depth, expected, to U = ± 7.0" in out
-    # All of it is f's, which moves d_f by as much: half of its error leaves half.
-    assert "Know f twice as well: ± 3.6 mm in the focal plane." in out
+    # As a report has it, which takes a first look's tolerances as known; beside it the same by captures alone.
+    assert "Calibration as planned, with tolerances known before: depth, expected, to U = ± 0.77 mm" in out
+    assert "By captures alone, of a camera whose tolerances nobody knows: ± 7.0" in out
+    known = json.loads(exact)["depth_with_tolerances"]["u_z_mm"]
+    assert known < json.loads(exact)["depth_expected"]["u_z_mm"]
     assert json.loads(exact)["depth_expected"]["u_z_mm"] < 1.8
     pitch = ["--white-pitch", "0.01%", "--d-sigma", "0.01%"]
     code, tied, _ = run(capsys, "calibrate", "--plan", "paper", "--range", "80 mm", "--json", *pitch)

@@ -400,6 +400,8 @@ def test_a_sheet_with_the_calibration_that_is_planned(tmp_path, capsys, rough):
         planned_depth(design, calibration_plan(design, asked), asked, build, at).expanded_mm for at in (240, None)
     )
     assert lines["U at 240 mm"] == pytest.approx(there)
+    assert there == pytest.approx(plan["depth_with_tolerances_at"][0]["expanded_mm"])
+    assert focus == pytest.approx(plan["depth_with_tolerances"]["expanded_mm"])
     assert there < plan["depth_expected_at"][0]["expanded_mm"]
     by_lengths = {each["lengths"]: each["expanded_mm"] for each in told["depth_by_lengths"]}
     assert by_lengths["as calibrated"] == pytest.approx(focus)

@@ -241,11 +241,8 @@ def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine():
     built = LengthCovariance(("sensor.distance",), np.array([[1e-6]]))
     text, *_, alone = (item.text for item in plan_finding(paper, asked, built).section.blocks[1].items)
     assert text.startswith("Calibration as planned, with tolerances known before: ")
-    assert alone == f"By captures alone, as `roslf calibrate --plan`: ± {at_focus:.3g} mm."
-    looked = plan_blocks(paper, plan, asked, looked=built)[1].items[0].text  # as the command prints it: both
-    assert looked.startswith(depth.text.partition(" Assumes")[0])
-    with_tolerances = text.partition("U = ± ")[2].partition(" mm")[0]
-    assert f"known before, as in a report: ± {with_tolerances} mm in the focal plane." in looked
+    assert alone.startswith("By captures alone, of a camera whose tolerances nobody knows: ")
+    assert alone.endswith(f": ± {at_focus:.3g} mm in the focal plane.")
     assert "in front of the lens, over 60 mm (± 30);" in plan_blocks(paper, plan, asked)[0].text
     # A camera is never known worse than it was built, nor than captures alone tell it.
     alone = plan.expected.sigma["d_3"]
@@ -254,6 +251,9 @@ def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine():
         text = plan_blocks(paper, plan, asked, built)[1].items[2].text
         assert float(text.partition("d_3 to ")[2].split()[0]) <= 1.03 * min(made, alone)
         assert f"captures alone tell d_3 to {alone:.2g} mm" in text
+    required = paper.replace({"required": {"u_z_mm": [{"max": 1e3}, {"at": 300.0, "max": 1e-3}]}})
+    told = [item.text for item in plan_finding(required, asked, built).section.blocks[1].items]
+    assert [text.partition(":")[0] for text in told[2:4]] == ["As required", "Not as required"]
     required = paper.replace({"required": {"u_z_mm": [{"max": 1e3}, {"at": 300.0, "max": 1e3}]}})
     lengths_known = planned_lengths(required, asked)
     grounds = basis(required, None, CalibrationSpread("as planned", required, lengths_known), asked.at)

@@ -26,11 +26,13 @@ from ...design import Design
 from ...drawing.picture import Picture
 from ...drawing.svg import redrawn
 from ...errors import InputError, Problem
+from ...evaluation.required import required_of
 from ...input_files import read_bytes
 from ...theory.depth_budget import DepthBudget, depth_budget
 from ...tolerancing.places import short_name
 from ...words import length, listed, number, rounded, sentence
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
+from ..design.pages import TONES
 from . import pictures
 
 if TYPE_CHECKING:
@@ -56,6 +58,8 @@ SOURCES: dict[str, tuple[str, str, str]] = {
     "distances": ("distances", "the boards' distances", "measure them better"),
 }
 """Where variance comes from: at the head of a column, in a sentence, and what lessens it."""
+VARIANCE = "Where the variance comes from"
+"""Title of the table of its shares."""
 RATIOS = "H = d_1/A; A: image distance as the pupil sees it; m = d_1/d_f: magnification on the array."
 """Meaning of the letters that a calibration has beside the lengths."""
 FIGURES: dict[str, tuple[str, str, Callable[[Outcome], Picture]]] = {
@@ -340,7 +344,7 @@ def _quantities_table(data: Mapping[str, Any]) -> Table:
     )
 
 
-def _shares_table(shares: Mapping[str, Mapping[str, float]]) -> Table:
+def _shares_table(shares: Mapping[str, Mapping[str, float]], title: str = VARIANCE) -> Table:
     """Where each quantity's variance comes from; sources that add nothing to any are left out."""
     names = [name for name in QUANTITIES if name in shares]
     sources = [source for source in SOURCES if any(shares[name].get(source, 0.0) > 0 for name in names)]
@@ -348,7 +352,7 @@ def _shares_table(shares: Mapping[str, Mapping[str, float]]) -> Table:
     note = "Systematic: what inner and outer views disagree on, and what corrections and a real main lens leave open."
     heads = ("", *(SOURCES[source][0] for source in sources))
     caption = note if "systematic" in sources else ""
-    return Table(rows, "l" + "r" * len(sources), heads, "Where the variance comes from", caption)
+    return Table(rows, "l" + "r" * len(sources), heads, title, caption)
 
 
 def _design_table(result: Outcome) -> Table:
@@ -479,25 +483,19 @@ def plan_blocks(
     plan: CapturePlan,
     asked: PlanOptions,
     build: LengthCovariance | None = None,
-    looked: LengthCovariance | None = None,
 ) -> tuple[Block, ...]:
-    """A plan with its promise and its changes; with the `build`'s tolerances, where a study knows them.
-
-    By captures alone, U with lengths as first `looked` at stands beside.
-    """
+    """A plan with its promise and its changes; with the `build`'s tolerances, where a study or a first look has them."""
     c, before = plan.captures, plan.expected
     supposed, other = "by captures alone", ""
-    if looked is not None:
-        u = planned_depth(design, plan, asked, looked).expanded_mm
-        other = f" With a first look's tolerances known before, as in a report: ± {_rounded(u)} in the focal plane."
-    promises, changed = "What these captures promise", "Expected sigma after one change"
+    promises, changed, whence = "What these captures promise", "Expected sigma after one change", VARIANCE
     if build is not None:
         u = planned_depth(design, plan, asked).expanded_mm
         supposed, other = (
             "with tolerances known before",
-            f"By captures alone, as `roslf calibrate --plan`: ± {_rounded(u)}.",
+            f"By captures alone, of a camera whose tolerances nobody knows: ± {_rounded(u)} in the focal plane.",
         )
         promises += ", without tolerances"
+        whence += ", without tolerances"
         changed += ": of lengths without tolerances, of depth with them"
     depth = planned_depth(design, plan, asked, build)
     after = _changed_depths(design, plan, build)
@@ -508,13 +506,17 @@ def plan_blocks(
     mostly = {where: one.mostly.replace("; ", ", but ", 1).replace("; ", ", and ") for where, one in places.items()}
     depths = [f"± {_rounded(one.expanded_mm)} {where}, {mostly[where]}" for where, one in places.items()]
     promise = f"Calibration as planned, {supposed}: depth, expected, to U = {'; '.join(depths)}."
-    promise += f"{other if build is None else ''} Assumes a board of {c.board.columns} x {c.board.rows} cells."
+    promise += f" Assumes a board of {c.board.columns} x {c.board.rows} cells."
     remedy = sentence(f"{best}: ± {_rounded(2 * after[best])} in the focal plane") if helps else NO_GAIN
     answers = [Statement("plain", promise, remedy)]
     large = too_large(design, c)
     if large:
         answers.append(Statement("caution", sentence(large), sentence(smaller_board(design, c))))
     answers += filter(None, [cover_statement(plan_cover(design, c, asked), wider_board(design, c, asked))])
+    known = lengths_after(design, plan, asked)
+    required = (one for one in required_of(design, build, known) if one.quantity == "u_z_mm")
+    told = (one.verdict for one in required)
+    answers += [Statement(TONES[one.level], sentence(one.text), sentence(one.remedy)) for one in told]
     answers.append(_promise(design, plan, asked, build))
     answers += [Statement("plain", other)] * (build is not None)  # a report's summary has one U
     sigmas = "".join(f' --sigma "{place}={sigma}"' for place, sigma in asked.sigma.items())
@@ -537,7 +539,7 @@ def plan_blocks(
         Paragraph(_assumed(design, plan, asked)),
         Statements(tuple(answers)),
         Table(rows, "lrl", ("", "expected sigma", ""), promises, RATIOS),
-        _shares_table(before.shares),
+        _shares_table(before.shares, whence),
         Table(
             changes,
             "lrrrrr",

@@ -598,7 +598,7 @@ def basis(
         if build is not None and calibration.lengths.planned:
             sentences.append(
                 f"Tolerances{' of a first look' if own is None else ''} count as known before it, so that its U is no "
-                "larger than by captures alone, which is what `roslf calibrate --plan` tells."
+                "larger than by captures alone, which `roslf calibrate --plan` tells beside it."
             )
         if design is calibration.design and not calibration.lengths.planned:
             sentences.append("Values are those of that instrument.")
