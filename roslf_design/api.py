@@ -66,22 +66,26 @@ def _scene(scene: Scene | str | Path | None) -> Scene | None:
     return scene
 
 
-def quantity(name: str) -> Quantity:
+def quantity(name: str, at: Distance | None = None) -> Quantity:
     """A number of a camera by its name, as `roslf evaluate`, tolerance studies and the optimiser know it.
 
     Parameters
     ----------
     name : str
         E.g. "fill_factor", "sigma_z_mm"; `QUANTITIES` has all.
+    at : float or str, optional
+        Distance ahead of the bore's tip [mm] that it is asked for at; None is the focal plane.
 
     Returns
     -------
     Quantity
-        Call it with a `Camera`: one number a build, behind a real lens of its thin-lens model (`evaluate` traces field,
-        light and detail). Its unit, words and equation are attributes.
+        Call it with a `Camera`, or with one and a distance: one number a build, behind a real lens of its thin-lens
+        model (`evaluate` traces field, light and detail). Its unit, words and equation are attributes.
 
     Raises
     ------
+    InputError
+        A distance that is none.
     ValueError
         Not known; names the nearest.
 
@@ -92,7 +96,11 @@ def quantity(name: str) -> Quantity:
     >>> roslf.quantity("fill_factor")(camera).round(3)
     array([0.689, 1.005])
     """
-    return quantity_named(name)
+    own = quantity_named(name)
+    if at is None or own.of is None:
+        return own
+    (there,), of = check_distances(at), own.of
+    return replace(own, of=lambda camera, _: of(camera, there))
 
 
 def render(

@@ -106,7 +106,8 @@ def _millimetres(at: Distance | Sequence[Distance]) -> tuple[float, ...]:
     """One or several distances [mm]."""
     try:
         return tuple(
-            read_quantity(one, "length") if isinstance(one, str) else float(one) for one in np.ravel(at).tolist()
+            read_quantity(one, "length") if isinstance(one, str) else float(one)
+            for one in np.ravel(np.asarray(at, dtype=object)).tolist()  # numbers beside text stay numbers
         )
     except (TypeError, ValueError) as error:
         raise refusal("at", str(error)) from None

@@ -11,8 +11,8 @@ import json
 import re
 import tomllib
 from collections.abc import Collection, Mapping, Sequence
-from itertools import chain
-from operator import ne
+from itertools import accumulate, chain
+from operator import eq, ne
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, get_args, get_origin
 
@@ -147,8 +147,14 @@ def nearest(
     """
     other = difflib.get_close_matches(name, [one for one in ELSEWHERE if ELSEWHERE[one] in known], 1, SLIP)
     name = ELSEWHERE[other[0]] if other and name not in known else name
-    near = difflib.get_close_matches(name, known, 5, SLIP)
-    near.sort(key=lambda one: (-difflib.SequenceMatcher(None, one, name).ratio(), sum(map(ne, one, name))))
+    near = difflib.get_close_matches(name, known, 20, SLIP)
+    near.sort(
+        key=lambda one: (
+            -difflib.SequenceMatcher(None, one, name).ratio(),
+            sum(map(ne, one, name)),
+            -sum(accumulate(map(eq, one, name), min)),  # letters alike from the first on
+        )
+    )
     near = near[:1] or _alike(name, meanings or dict.fromkeys(known, ""))
     near = near or difflib.get_close_matches(name, known, 1, least)
     return f"did you mean {' or '.join(map(repr, near))}?" if near else otherwise or f"known here: {', '.join(known)}"

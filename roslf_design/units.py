@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from decimal import Context, Decimal
 from numbers import Real
@@ -21,6 +21,19 @@ from pydantic_core import CoreSchema, core_schema
 
 _PI = Decimal("3.14159265358979323846264338327950288")
 
+NAMES = {
+    **dict.fromkeys(("micron", "micrometer", "u"), "um"),
+    "nanometer": "nm",
+    "millimeter": "mm",
+    "centimeter": "cm",
+    "meter": "m",
+    "inch": "in",
+    "inche": "in",
+    "degree": "deg",
+    "radian": "rad",
+    "second": "s",
+}
+"""Names of units in full, one of each, and their letters."""
 UNITS: dict[str, dict[str, Decimal]] = {
     "length": {
         "nm": Decimal("1e-6"),
@@ -206,9 +219,18 @@ def _about_unit(unit: str, dimension: str, number: float) -> str:
             article = "an" if dimension[0] in "aeiou" else "a"
             return f"'{unit}' is a unit of {other}, but this is {article} {dimension}"
     # Degrees of one scale are none of the other, however alike their letters.
-    near = [] if dimension.startswith("temperature") else difflib.get_close_matches(unit, UNITS[dimension], 1, 0.5)
-    remedy = f"did you mean '{near[0]}'?" if near else f"use one of {', '.join(UNITS[dimension])}"
+    near = [] if dimension.startswith("temperature") else _alike(unit, UNITS[dimension])
+    remedy = f"did you mean {' or '.join(map(repr, near))}?" if near else f"use one of {', '.join(UNITS[dimension])}"
     return f"'{unit}' is not a known unit of {dimension}; {remedy}"
+
+
+def _alike(unit: str, known: Collection[str]) -> list[str]:
+    """Units that one stands for: its name in full, one letter off, or alike."""
+    letters = NAMES.get(unit.lower().removesuffix("s").replace("metre", "meter"))
+    if letters in known:
+        return [letters]
+    slips = [one for one in known if len(one) == len(unit) > 1 and (one[0] == unit[0] or set(one) == set(unit))]
+    return slips or difflib.get_close_matches(unit, known, 1, 0.5)
 
 
 def format_quantity(value: float, dimension: str, digits: int | None = None) -> str:

@@ -320,3 +320,21 @@ def test_what_is_handed_out_prints_in_lines_that_a_notebook_shows_too(tmp_path):
         assert hasattr(value, "_repr_html_") or hasattr(value, "_repr_pretty_")
     design = str(values[0])
     assert "d_3            62.84 mm  aperture.distance" in design
+
+
+def test_distances_are_taken_as_text_and_as_numbers_side_by_side():
+    """One list of "300mm" and 350 became text all through, in which 350 had no unit; a quantity takes one, too."""
+    result = roslf.evaluate("paper", at=["300mm", 350, 360.0])
+    assert [plane.at_mm for plane in result.answer.at[1:]] == [300.0, 350.0, 360.0]
+    camera = roslf.Camera.of(roslf.load("paper"))
+    there = roslf.quantity("u_z_mm", at="300 mm")(camera)
+    assert float(there) == float(roslf.quantity("u_z_mm")(camera, 300.0))
+    assert float(there) == pytest.approx(result.answer.at[1].u_z_mm)
+    assert float(there) != pytest.approx(result.value("u_z_mm"))
+
+
+def test_an_evaluation_prints_what_the_command_prints():
+    result = roslf.evaluate("paper")
+    assert "print(result.everything)" in str(result)
+    assert "Temperature" not in str(result)
+    assert len(str(result).splitlines()) < 40 < len(result.everything.splitlines())

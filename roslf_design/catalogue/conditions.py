@@ -63,6 +63,8 @@ def read_condition(text: str) -> Callable[[Mapping[str, Any]], bool]:
 
     def holds(row: Mapping[str, Any]) -> bool:
         own = row.get(key)
+        if key == "colours" and sign == "=" and own is None:  # sold with filters and without, it can be had as either
+            own = "mono or bayer" if row.get("mono_too") else None
         if own is None:
             return False
         if isinstance(value, str):

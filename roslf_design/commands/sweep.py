@@ -141,6 +141,9 @@ def _span(text: str, count: int) -> tuple[str, Array]:
         ends = [float(end) if dimension is None else read_quantity(f"{end} {unit}".strip(), dimension)
                 for end in match.groups()[:2]]  # fmt: skip
     except ValueError as error:
+        if not unit:
+            form = f"{match[1]}..{match[2]} {'deg' if dimension == 'angle' else 'mm'}"
+            raise refusal("set", f'{place}: "{span.strip()}" has no unit; write e.g. "{form}"') from None
         raise refusal("set", f"{place}: {error}") from None
     return place, np.linspace(ends[0], ends[1], count)
 

@@ -50,7 +50,7 @@ from .groups import (
 from .required import Requirement, requirements
 from .result import Evaluation
 from .specification import FieldImages, depth_assumptions
-from .verdicts import buildable, sharp_over_field, verdicts_of, warnings_of
+from .verdicts import buildable, named_otherwise, sharp_over_field, verdicts_of, warnings_of
 
 METHOD = (
     "Closed forms and exact disc areas for pinhole microlenses in focus behind an ideal thin lens; rounding errors are "
@@ -181,7 +181,7 @@ def evaluate(
         depth_budget=budget,
         diffraction=Numbers.of(camera, "diffraction"),
         effects=tuple(plan(design)),
-        verdicts=(*answers, *lenses),
+        verdicts=(*named_otherwise(design), *answers, *lenses),
         warnings=tuple(warnings_of(design, images)),
         method=" ".join(method),
         real_lens=traced,

@@ -106,7 +106,10 @@ class Evaluation:
         return getattr(self, name) if name else self
 
     def value(self, quantity: Quantity | str) -> Any:
-        """Value of a quantity that is `evaluated`, or of its name; of u_z_mm in the plane in focus."""
+        """Value of a quantity that is `evaluated`, or of its name; of u_z_mm in the plane in focus.
+
+        At other distances `answer.at` tells u_z_mm, and `roslf.quantity(name, at="15 mm")` any quantity of a camera.
+        """
         quantity = quantity_named(quantity) if isinstance(quantity, str) else quantity
         if quantity.name == "u_z_mm":
             return float(self.depth_budget.u_z_mm)
@@ -139,6 +142,15 @@ class Evaluation:
         return data
 
     def __str__(self) -> str:
+        from rich.console import Console
+
+        stream = io.StringIO()
+        print_short(self, Console(file=stream, width=118, no_color=True), more="print(result.everything)")
+        return stream.getvalue()
+
+    @property
+    def everything(self) -> str:
+        """All that `roslf evaluate --all` prints."""
         from rich.console import Console
 
         stream = io.StringIO()
@@ -403,8 +415,13 @@ def _tables(result: Evaluation) -> list[Table]:
     return [*first, *fact_tables(result), *depth_budget_tables(result), *last, *fields, *lens, effects_table(result)]
 
 
-def print_short(result: Evaluation, console: Console, more: Sequence[Table] = ()) -> None:
-    """Print the first answer and, briefly, the verdicts: faults, what is to be known, what is good; then `more`."""
+def print_short(
+    result: Evaluation, console: Console, tables: Sequence[Table] = (), more: str = "roslf evaluate --all"
+) -> None:
+    """Print the first answer and, briefly, the verdicts: faults, what is to be known, what is good; then `tables`.
+
+    `more` is what prints the rest.
+    """
     by_level = {level: [one for one in result.verdicts if one.level == level] for level in MARKS}
     brief = [replace(one, text=_brief(one.text), remedy=_brief(one.remedy)) for one in by_level["fault"]]
     brief += [replace(one, text=_brief(one.text), remedy="") for one in by_level["limit"]]
@@ -415,9 +432,9 @@ def print_short(result: Evaluation, console: Console, more: Sequence[Table] = ()
             Verdict.of("good", line) for line in (f"as required: {'; '.join(asked)}" * bool(asked), named) if line
         ]
     _print_answer(result, brief, console)
-    for table in more:
+    for table in tables:
         print_table(table, console)
-    console.print(plain_text("\nAll of it, remedies and tables: roslf evaluate --all", "dim"))
+    console.print(plain_text(f"\nAll of it, remedies and tables: {more}", "dim"))
 
 
 def _brief(text: str) -> str:

@@ -516,6 +516,18 @@ def _thin(f: Numbers, lens: RealLens) -> Verdict:
     return Verdict.of(name, f"thin lens does not hold: {size}{none}", other)
 
 
+def named_otherwise(design: Design) -> Iterator[Verdict]:
+    """A main lens with the name of a part and a focal length that is not the part's: which is meant is not told."""
+    lens = design.main_lens
+    if lens.part and lens.focal_length is not None and (f := other_focal_length(lens.part, lens.focal_length)):
+        own = f"focal_length of {length(lens.focal_length)}, of an ideal lens, and all here is that lens's"
+        yield Verdict.of(
+            "main_lens_as_named",
+            f"main_lens has a part, {lens.part} of {length(f)}, and beside it a {own}",
+            "drop focal_length for the part, or part for the ideal lens",
+        )
+
+
 def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
     """Warnings about what is no error but must not go unsaid."""
     array, pixel = design.microlens_array, design.sensor.pixel
@@ -523,12 +535,6 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
         wide = "than a microlens" if design.q > array.pitch else "than those of any usual sensor"
         meant = "" if pixel < 0.1 else f", or are {pixel:.4g} um meant?"
         yield f"pixels of {length(pixel)} are wider {wide} (pitch {length(array.pitch)}): check sensor.pixel{meant}"
-    lens = design.main_lens
-    if lens.part and lens.focal_length is not None and (f := other_focal_length(lens.part, lens.focal_length)):
-        yield (
-            f"main_lens.focal_length of {length(lens.focal_length)} is the file's own, of an ideal lens, not "
-            f"{lens.part}'s, which is {length(f)}: drop focal_length for that lens, or part"
-        )
     for side, mla, sensor in zip(("wide", "high"), array.size, design.sensor_size, strict=True):
         if sensor > mla * (1 + 1e-9):
             yield (

@@ -5,6 +5,7 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.catalogue import load_catalogue
+from roslf_design.catalogue.conditions import read_condition
 from roslf_design.catalogue.entries import meant
 from roslf_design.cli import main
 from roslf_design.design.check import at
@@ -260,3 +261,16 @@ def test_a_part_one_digit_off_is_the_one_meant():
     """As many letters are alike in another, whose digits would have to change places."""
     for known in (["OV6948", "OV5647"], ["OV5647", "OV6948"]):
         assert nearest("OV5648", known) == "did you mean 'OV5647'?"
+
+
+def test_a_slip_in_the_last_digit_suggests_the_nearest_number():
+    """IMX305 is IMX304 by the last digit, IMX335 by one amid it."""
+    assert "did you mean 'IMX304'?" in nearest("IMX305", ["IMX335", "IMX304", "IMX412"])
+
+
+def test_sensors_sold_with_filters_and_without_can_be_had_as_either():
+    mono, bayer = (read_condition(f"colours={name}") for name in ("mono", "bayer"))
+    assert mono({"mono_too": True})
+    assert bayer({"mono_too": True})
+    assert not mono({"mono_too": False})
+    assert not mono({"colours": "bayer"})

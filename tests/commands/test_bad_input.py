@@ -220,6 +220,11 @@ TAKING_DESIGNS = {
             "fields: 501 are too many; ask for 500 at most",
         ),
         ("", ["evaluate", "."], "is a folder"),
+        (
+            "",
+            ["sweep", "paper", "--set", "d_3=30..44", "--quantity", "fill_factor"],
+            'd_3: "30..44" has no unit; write e.g. "30..44 mm"',
+        ),
         ("", [*PLAN, "--at", "10"], '--at: "10" has no unit'),
         ("", ["bench", "paper", "-o", "out", "--at", "10"], '--at: "10" has no unit'),
         ("", ["tolerance", "/dev/zero", "-o", "out"], "is a pipe or a device"),

@@ -121,7 +121,7 @@ def test_evaluations_tell_what_the_microlenses_are_focused_on_and_nothing_of_vie
             assert (value is None) == quantity.of_views
     assert data["depth"]["expected"] is None
     assert len(data["focused"]["in_focus"]) == len(design.microlens_array.types)
-    printed = str(result)
+    printed = result.everything
     assert "Focused microlenses" in printed
     assert "Depth" not in printed
     assert "independent views" not in printed

@@ -42,7 +42,7 @@ def test_angles(text, radians):
     [
         (120, "has no unit; write it as text"),
         ("120", 'write e.g. "120 mm"'),
-        ("120 mn", "did you mean 'm"),
+        ("120 mn", "did you mean 'nm' or 'mm'"),
         ("3 mrad", "is a unit of angle"),
         ("abc", "cannot read"),
         ("1e999 mm", "not a finite"),
@@ -142,3 +142,18 @@ def test_files_for_people_are_rounded_and_others_keep_every_bit():
     assert 'pitch = "63 um"' in dumps(design, 12)
     assert format_quantity(1.23456789e-3, "length", 3) == "1.23 um"
     assert format_quantity(1234567.0, "length", 3) == "1230000 mm"
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("58 micron", "'um'"),
+        ("58 micrometres", "'um'"),
+        ("60 mn", "'nm' or 'mm'"),
+        ("2 inches", "'in'"),
+        ("3 milimeter", ""),
+    ],
+)
+def test_units_in_full_and_units_one_letter_off_are_understood(text, meant):
+    with pytest.raises(ValueError, match=f"did you mean {meant}" if meant else "is not a known unit"):
+        parse_quantity(text, "length")

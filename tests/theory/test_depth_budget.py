@@ -408,7 +408,7 @@ def test_what_evaluate_prints_and_writes():
     assert expected["u_z_mm"] == pytest.approx(np.linalg.norm([t["u_mm"] or 0 for t in expected["terms"]]))
     assert {t["kind"] for t in expected["terms"]} == {"precision", "trueness"}
     assert all(t["type"] in ("A", "B") for t in expected["terms"])
-    assert f"largest: {result.depth_budget.largest.name}" in " ".join(str(result).split())
+    assert f"largest: {result.depth_budget.largest.name}" in " ".join(result.everything.split())
 
 
 @pytest.mark.parametrize(("place", "value"), [

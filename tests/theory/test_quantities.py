@@ -114,7 +114,7 @@ def test_one_entry_is_seen_in_evaluate_and_on_the_data_sheet(monkeypatch):
     result = roslf.evaluate(design)
     assert result.sampling.twice_the_distance_mm == 2 * ahead
     assert result.to_dict()["sampling"]["twice_the_distance_mm"] == 2 * ahead
-    assert re.search(r"twice the distance +460 mm +of the focal plane", str(result))
+    assert re.search(r"twice the distance +460 mm +of the focal plane", result.everything)
     rows = [line for line in basis(design).rows if line.name.startswith("twice the distance")]
     places = [float(line.name.split()[4]) for line in rows]
     assert [line.value for line in rows] == pytest.approx([2 * place for place in places], rel=1e-3)

@@ -484,7 +484,7 @@ def plan_blocks(
     asked: PlanOptions,
     build: LengthCovariance | None = None,
 ) -> tuple[Block, ...]:
-    """A plan with its promise and its changes; with the `build`'s tolerances, where a study or a first look has them."""
+    """A plan with its promise and its changes; with the `build`'s tolerances, where these are known."""
     c, before = plan.captures, plan.expected
     supposed, other = "by captures alone", ""
     promises, changed, whence = "What these captures promise", "Expected sigma after one change", VARIANCE

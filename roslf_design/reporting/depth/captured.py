@@ -18,7 +18,7 @@ from .pages import errors_right, known, measurement_report, optics_notes, places
 CAPTIONS = {
     "map": (
         "Depth and its standard error over the field",
-        "Coloured places have no depth, for the reason that the legend gives; nothing is filled in there.",
+        "Where the legend names a reason, places of its colour have no depth for it; nothing is filled in there.",
     ),
     "profile": (
         "Along the middle row",

@@ -36,8 +36,8 @@ TAIL = 0.003
 FIGURES = {
     "map": (
         "Depth and its standard error at every microlens",
-        "Of the first exposure. Coloured microlenses have no depth, for the reason that the legend gives; nothing is "
-        "filled in there.",
+        "Of the first exposure. Where the legend names a reason, microlenses of its colour have no depth for it; "
+        "nothing is filled in there.",
     ),
     "profile": (
         "Along the middle row",

@@ -160,7 +160,7 @@ def field_maps(design: Design, fields: _ArrayMap) -> Picture:
          "offset from the microlens axis [px]", arrows)
     ]  # fmt: skip
     if lowest < 1:
-        words = f"images on the sensor: {_shares(design, fields)}"
+        words = f"on the sensor: {_shares(design, fields)}"
         shown.insert(0, ("kept", words, fields.kept, 1.0, "kept", "unvignetted fraction [1]", []))
     size, pictures = (PAGE / 2 if lowest < 1 else 0.8 * PAGE, 300.0), []
     for name, title, values, high, ramp, label, marks in shown:
@@ -184,7 +184,7 @@ def _shares(design: Design, fields: _ArrayMap) -> str:
 
 
 def _percent(share: float) -> str:
-    return "all" if share == 1 else f"{min(max(100 * share, 0.1), 99.9):.1f} %"
+    return "all" if share == 1 else "under 1 %" if share < 0.01 else f"{min(100 * share, 99):.0f} %"
 
 
 def _circle_of_eq_6(design: Design) -> tuple[float, float, float]:

@@ -101,7 +101,7 @@ NONE = "–"
 """Revision or date where none is given."""
 OWN_LIMITS = "The study's limits leave out, and its yield does not count: "
 OWN_VALUES = "For these, the study's limits and yield judge other values than Required does: "
-NOMINAL = "Nominal values: no tolerance study is at hand."
+NOMINAL = "Nominal values, but where a line says built or calibrated: no tolerance study is at hand."
 TILTED = "Parts are tilted; the data sheet is of the straight ones, but for what tilted stops cut."
 
 
@@ -744,7 +744,7 @@ def datasheet_section(grounds: SpreadSources, tell: Share = UNHEARD) -> Section:
         "sagittal. "
     ) + (
         f"Fields lie along a diagonal, detail along and across it, where {grounds.design.microlens_array.lens_shape} "
-        "microlenses may pass other detail than along their rows. Lines join equal resolution."
+        "microlenses may pass other detail than along their rows. Lines, where any are drawn, join equal resolution."
         if len(drawn.panels) > 1
         else "It is alike at every field."
     )

@@ -121,7 +121,10 @@ def resolution_map(design: Design, at: Sequence[float] = (), tell: Share = UNHEA
     if known.size == values.size:
         marks += _lines(x, y, share * 100, distances, values)
     else:
-        marks.append(Text(50.0, (y.low + y.high) / 2, "dark where nothing is drawn", "ink", SMALL, "middle", halo=True))
+        blank = ~np.isfinite(values)
+        row = int(blank.sum(axis=1).argmax())
+        middle_of_blank = 100 * float(share[blank[row]].mean())
+        marks.append(Text(middle_of_blank, float(distances[row]), "dark", "ink", SMALL, "middle", halo=True))
     panel = Panel(
         (0, 0, 1, 1), x, y, tuple(marks), "field, from the middle to the corner [%]", "ahead of the tip [mm]", grid=""
     )
