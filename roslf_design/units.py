@@ -226,7 +226,7 @@ def _about_unit(unit: str, dimension: str, number: float) -> str:
 
 def _alike(unit: str, known: Collection[str]) -> list[str]:
     """Units that one stands for: its name in full, one letter off, or alike."""
-    letters = NAMES.get(unit.lower().removesuffix("s").replace("metre", "meter"))
+    letters = NAMES.get(unit.lower().removesuffix("s").replace("metre", "meter"), "")
     if letters in known:
         return [letters]
     slips = [one for one in known if len(one) == len(unit) > 1 and (one[0] == unit[0] or set(one) == set(unit))]

@@ -182,8 +182,15 @@ class FirstAnswer:
                 _AtDistance(
                     distance,
                     plane,
-                    *(field.width_mm, field.height_mm, field.diagonal_mm),
-                    *(u, expanded, mostly, lines, limit, caution),
+                    field.width_mm,
+                    field.height_mm,
+                    field.diagonal_mm,
+                    u,
+                    expanded,
+                    mostly,
+                    lines,
+                    limit,
+                    caution,
                 )
             )
         farthest = shown.farthest

@@ -172,6 +172,16 @@ class Requirement:
         return Verdict.of(f"required_{self.quantity}{where}", f"not as required: {text}{short}", self.remedy or WAYS)
 
 
+def _of_corner(shown: FieldImages, quantity: Quantity, at: float | None, low: float | None) -> tuple[str, str, str]:
+    """Detail in the field's corner in words, where the middle alone has as much as is required, and the remedy."""
+    corner = shown.detail_in("corner", at).usable_lp_per_mm or 0.0
+    beside = f"in the middle; in the field's corner {number(corner, 3)} lp/mm"
+    if low is None or quantity.within(low, None, corner):
+        return beside, "", ""
+    much_less = f", {number(corner, 3)} lp/mm in the corner" * (corner < low / 2)
+    return beside, f"in the middle alone{much_less}", f'field = "corner" requires it there; {SHARPER}'
+
+
 def requirements(
     shown: FieldImages, camera: Camera, budget: Callable[[float | None], DepthBudget]
 ) -> tuple[Requirement, ...]:
@@ -251,12 +261,8 @@ def requirements(
         if quantity.of_views and not has_views(camera):
             remedy = f"pixels are no views, which it is of: {pupil_remedy(camera)}"
         if quantity.name == "detail_lp_per_mm" and not undefined and field is None:
-            corner = shown.detail_in("corner", at).usable_lp_per_mm or 0.0
-            counts = clauses(counts, f"in the middle; in the field's corner {number(corner, 3)} lp/mm")
-            if met and low is not None and not quantity.within(low, None, corner):
-                much_less = f", {number(corner, 3)} lp/mm in the corner" * (corner < low / 2)
-                only = clauses(only, f"in the middle alone{much_less}", by=", ")
-                remedy = clauses(remedy, f'field = "corner" requires it there; {SHARPER}')
+            beside, alone, sharper = _of_corner(shown, quantity, at, low if met else None)
+            counts, only, remedy = clauses(counts, beside), clauses(only, alone, by=", "), clauses(remedy, sharper)
         if of_detail and not undefined and (of_colours := _of_colours(camera, at, max(value, low or 0.0))):
             counts = clauses(counts, of_colours[0])
             if met and low is not None and low > of_colours[1]:

@@ -424,9 +424,9 @@ def _field_remedy(camera: Camera, field: Numbers) -> str:
         grow[name] = max(grow.get(name, 0.0), 2 * abs(cut["clearance_mm"]))
     parts, room = tube.housed(camera), tube.room(camera)
     if tight := [part for part in parts if part.clear + grow.get(part.name, -math.inf) > room]:
-        wide = listed([f"{the(part.name)} {float(part.clear + grow[part.name]):.4g} mm" for part in tight])
+        sizes = listed([f"{the(part.name)} {float(part.clear + grow[part.name]):.4g} mm" for part in tight])
         return (
-            f"the whole field takes {wide} wide, and the tube leaves {float(room):.4g} mm: {others}, or a wider tube, "
+            f"the whole field takes {sizes} wide, and the tube leaves {float(room):.4g} mm: {others}, or a wider tube, "
             "frees the field"
         )
     if [*grow] == ["main lens"]:

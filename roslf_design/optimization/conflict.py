@@ -235,7 +235,7 @@ class _Pool:
         return np.asarray(self.over[[0, *(k + 1 for k in sorted(keep))]].max(axis=0))
 
     def in_all(self, keep: frozenset[int]) -> Array:
-        """What each point misses of some of the limits in all, as searches for the least violation count it."""
+        """Misses of some of the limits in all, of each point, as searches for the least violation count them."""
         over = np.maximum(self.over, 0.0)
         return np.asarray(10.0 * over[0] + over[[k + 1 for k in sorted(keep)]].sum(axis=0))
 

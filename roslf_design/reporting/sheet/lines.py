@@ -271,6 +271,35 @@ class SpreadSources(NamedTuple):
         return " ".join(self.sentences)
 
 
+def _distortion_lines(shown: FieldImages, camera: Camera, traced: bool) -> Iterator[_SheetLine]:
+    """Distortion and magnification of the farthest field that is shown, against the middle."""
+    outermost, middle = shown.shown_last, shown.points[0]
+    unlit = "" if outermost == corner(shown.points) else UNLIT
+    at = "in the corner" if outermost.angle_deg is None else f"at {number(outermost.angle_deg, 4)} deg off axis"
+    scale = None
+    if outermost.local_magnification is not None and middle.local_magnification is not None:
+        scale = outermost.local_magnification / middle.local_magnification if middle.local_magnification else 0.0
+    lost = "not seen" if outermost.distortion_percent is None or scale is None else ""
+    bent: _Corner | None = _Corner("distortion_percent", (middle.x_ml_mm, outermost.x_ml_mm))
+    stretched: _Corner | None = _Corner("local_magnification", (middle.x_ml_mm, outermost.x_ml_mm), against=True)
+    barrel, bent_by = "below 0 is barrel-shaped", outermost.distortion_percent or 0.0
+    against = "against the middle, along the field's radius"
+    if not traced and not camera.mapping.bends:
+        if camera.chain.bends_rays:
+            windows = (
+                "of the flat faces of windows (or of their liquid) before the lens: the ideal lens itself has none"
+            )
+            barrel = clauses(barrel, windows * (abs(bent_by) > NO_DISTORTION))
+        else:
+            bent = stretched = None
+            barrel, against = BY_DEFINITION, f"{against}; {BY_DEFINITION}"
+    barrel, against = clauses(barrel, unlit), clauses(against, unlit)
+    yield _SheetLine(
+        "Over the field", f"distortion {at}", outermost.distortion_percent, "%", barrel, text=lost, of=bent
+    )
+    yield _SheetLine("Over the field", f"local magnification {at}", scale, "", against, text=lost, of=stretched)
+
+
 def _lines(
     shown: FieldImages,
     sheet: Specification,
@@ -320,32 +349,9 @@ def _lines(
         limit = "mtf50_lp_per_mm" if row.limited_by == "contrast" else "fold_lp_per_mm"
         remark, own = "" if dark else row.remark, limit if axial else ""
         yield _SheetLine("Resolution", at, row.usable_lp_per_mm, "lp/mm", remark, own, dark, of)
-    farthest, outermost, middle = corner(sheet.field), shown.shown_last, sheet.field[0]
-    at = "in the corner" if outermost.angle_deg is None else f"at {number(outermost.angle_deg, 4)} deg off axis"
-    scale = None
-    if outermost.local_magnification is not None and middle.local_magnification is not None:
-        scale = outermost.local_magnification / middle.local_magnification if middle.local_magnification else 0.0
-    lost = "not seen" if outermost.distortion_percent is None or scale is None else ""
-    bent: _Corner | None = _Corner("distortion_percent", (middle.x_ml_mm, outermost.x_ml_mm))
-    stretched: _Corner | None = _Corner("local_magnification", (middle.x_ml_mm, outermost.x_ml_mm), against=True)
+    farthest, middle = corner(sheet.field), sheet.field[0]
     shaded = _Corner("relative_illumination", (middle.x_ml_mm, farthest.x_ml_mm), 100.0)
-    unlit = "" if outermost == farthest else UNLIT
-    barrel, bent_by = "below 0 is barrel-shaped", outermost.distortion_percent or 0.0
-    against = "against the middle, along the field's radius"
-    if not traced and not camera.mapping.bends:
-        if camera.chain.bends_rays:
-            windows = (
-                "of the flat faces of windows (or of their liquid) before the lens: the ideal lens itself has none"
-            )
-            barrel = clauses(barrel, windows * (abs(bent_by) > NO_DISTORTION))
-        else:
-            bent = stretched = None
-            barrel, against = BY_DEFINITION, f"{against}; {BY_DEFINITION}"
-    barrel, against = clauses(barrel, unlit), clauses(against, unlit)
-    yield _SheetLine(
-        "Over the field", f"distortion {at}", outermost.distortion_percent, "%", barrel, text=lost, of=bent
-    )
-    yield _SheetLine("Over the field", f"local magnification {at}", scale, "", against, text=lost, of=stretched)
+    yield from _distortion_lines(shown, camera, traced)
     at = "in the corner" if farthest.angle_deg is None else f"at {number(farthest.angle_deg, 4)} deg off axis"
     light = 100 * farthest.relative_illumination
     yield _SheetLine("Over the field", f"relative illumination {at}", light, "%", "against the middle", of=shaded)
