@@ -224,9 +224,8 @@ def requirements(
         of_field = "field_of_view" in quantity.name or quantity.name.startswith("field_half")
         dark = of_field and met and low is not None and _is_dark(shown, quantity, low / value)
         met = met and not dark
-        where = "" if field is None else f" in the field's {field}"
-        where += "" if asked.at is None else f" at {number(asked.at, 4)} mm"
-        label = (quantity.label or quantity.name) + where
+        label = (quantity.label or quantity.name) + ("" if field is None else f" in the field's {field}")
+        label += "" if asked.at is None else f" at {number(asked.at, 4)} mm"
         at, known, only, remedy = asked.at, None if undefined else value, "", ""
         counts = counted[quantity.name](at) if quantity.name in counted and not undefined else ""
         of_detail = quantity.unit == "lp/mm"
