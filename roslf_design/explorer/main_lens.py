@@ -27,7 +27,7 @@ class _IdealLens:
     """Builds of a tolerance run that the form offers."""
     twin: ClassVar[str] = ""
     """Ending of names of files with pictures of its thin-lens model."""
-    search_time: ClassVar[str] = "some seconds to half a minute"
+    search_time: ClassVar[str] = "some seconds to half a minute; some minutes where [required] asks for depth or detail"
     own: ClassVar[tuple[str, ...]] = ()
     """Symbols of numbers that are the lens's own, which no search varies."""
 

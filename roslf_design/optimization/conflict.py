@@ -235,7 +235,7 @@ class _Pool:
         return np.asarray(self.over[[0, *(k + 1 for k in sorted(keep))]].max(axis=0))
 
     def in_all(self, keep: frozenset[int]) -> Array:
-        """Misses of some of the limits in all, of each point, as searches for the least violation count them."""
+        """Sum of what each point misses of some of the limits, as searches for the least violation count it."""
         over = np.maximum(self.over, 0.0)
         return np.asarray(10.0 * over[0] + over[[k + 1 for k in sorted(keep)]].sum(axis=0))
 

@@ -66,6 +66,8 @@ SIGMAS = 2.0
 """Width of an error bound in standard errors: a share is off by more in at most 5 % of runs."""
 PARTS, LEAST = 20, 10
 """Parts of the kept trials whose scatter is measured, and trials of each at least."""
+SUMMED = 40
+"""Builds near nominal, where series tell depth errors and detail, in the time of one far off, by limit on such."""
 ROUNDING = 1e-12
 """Share of a number that is no move of it."""
 KNOWN_LENGTHS = ("u_z_mm", "u_z_at_field_mm")
@@ -333,10 +335,11 @@ def sobol_samples(plan: TolerancePlan, study: Study) -> int:
 
 
 def builds_of_analyses(plan: TolerancePlan, study: Study, grades: Grades, budgets: bool = True) -> tuple[int, ...]:
-    """Builds that each step of `analyse` takes, about."""
+    """Builds that each step of `analyse` takes, about; one whose depth errors are summed anew counts for many."""
     count, at_once, holds = len(plan.draws.perturbations), curve_trials(plan), not plan.nominal_misses()
     graded = (len(grades.names) - 1) * at_once * bool(study.grade)
-    sobol, inverse = sobol_samples(plan, study) * (count + 2), 60 * count * holds
+    summed = 0 if plan.dear else SUMMED * sum(plan.columns[limit.column].quantity.numeric for limit in plan.limits)
+    sobol, inverse = sobol_samples(plan, study) * (count + 2), 60 * count * holds * (1 + summed)
     searched = 40 * searched_builds(plan) * (holds and budgets)
     return 0, 4 * count, 6 * at_once, 8 * at_once, sobol, inverse, searched, graded
 

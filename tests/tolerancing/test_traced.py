@@ -355,6 +355,16 @@ def test_analyses_take_fewer_builds_where_depth_is_limited_behind_a_real_lens():
     assert taken["paper-singlet"][2] in (64, 128, 256)
 
 
+def test_limits_whose_numbers_are_summed_are_weighed_in_the_time_that_is_left():
+    """How far each part may be off is looked for far from nominal, where no series tells depth errors."""
+    shares = []
+    for goal in ({"quantity": "fill_factor", "min": 0.5}, {"quantity": "u_z_mm", "max": 1000}):
+        plan, study, grades = tolerance_plan({"name": "n", "design": "paper", "grade": "high", "goals": [goal]})
+        taken = builds_of_analyses(plan, study, grades, budgets=False)
+        shares.append(taken[5] / sum(taken))
+    assert shares[0] < 0.05 < 0.1 < shares[1] < 0.8
+
+
 def test_a_study_says_what_goes_by_a_formula_behind_a_real_lens():
     moved = {"place": "aperture.distance", "tolerance": "10 um"}
     data = {"name": "n", "trials": 64, "sobol_samples": 0, "perturb": [moved]}

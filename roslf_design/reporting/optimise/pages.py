@@ -313,7 +313,7 @@ def _about_conflict(answer: Answer) -> Statement:
         for r in conflict.relaxations
         if r.needed is not None
     ]
-    lead = "This alone would do" if len(ways) == 1 else "Any one of these would do"
+    lead = f"{'This alone' if len(ways) == 1 else 'Any one of these'}, all others kept, would do"
     remedy = f"{lead}: {'; '.join(ways)}." if ways else ""
     if conflict.bounds:
         remedy += f" The least-violating point touches the bounds {', '.join(conflict.bounds)}."
