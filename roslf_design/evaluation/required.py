@@ -66,6 +66,8 @@ AS_BUILT = (
 
 SHARPER = "a better corrected lens, a smaller FAP or a smaller sensor lets more of the field hold it"
 """Remedy of detail that the corner of the field does not show."""
+DARK = "dark at the edge of what is required"
+"""Words on a field that is none."""
 LIT = "free the images from what cuts them (the field's verdict says what)"
 """Remedy of a field whose edge gets no light."""
 FLAT = 179.0
@@ -221,12 +223,11 @@ def requirements(
         value = closed if rays is None else rays
         undefined = math.isnan(value) or (quantity.of_views and not has_views(camera))
         met = not undefined and bool(quantity.within(low, high, value))
-        of_field = "field_of_view" in quantity.name or quantity.name.startswith("field_half")
-        dark = of_field and met and low is not None and _is_dark(shown, quantity, low / value)
-        met = met and not dark
-        label = (quantity.label or quantity.name) + ("" if field is None else f" in the field's {field}")
+        dark = _darkness(shown, quantity, low, value) if met else None
+        met = met and dark != DARK
+        label = (quantity.label or quantity.name) + f" in the field's {field}" * (field is not None)
         label += "" if asked.at is None else f" at {number(asked.at, 4)} mm"
-        at, known, only, remedy = asked.at, None if undefined else value, "", ""
+        at, only, remedy = asked.at, "", ""
         counts = counted[quantity.name](at) if quantity.name in counted and not undefined else ""
         of_detail = quantity.unit == "lp/mm"
         fold = float(quantity_named("fold_lp_per_mm")(camera, at)) if of_detail else math.inf
@@ -235,10 +236,8 @@ def requirements(
         if aliases:
             counts = f"of contrast; detail above {number(fold, 4)} {quantity.unit} aliases"
         worst, caution = (None, "") if depth is None or undefined else (depth.worst, depth.caution)
-        if dark:
-            counts, remedy = clauses(counts, "dark at the edge of what is required"), LIT
-        elif met and of_field and not shown.points[shown.farthest].relative_illumination > 0:
-            only, remedy = "with a dark corner", LIT
+        if dark is not None:
+            counts, only, remedy = clauses(counts, dark * (not met)), dark * met, LIT
         elif met and depth is not None and depth.as_drawn:
             only, remedy = "as drawn", AS_BUILT
         elif depth is not None and not undefined and high is not None and value > high:
@@ -277,7 +276,7 @@ def requirements(
         elif lens.mounted and met and field is None and quantity.name not in NO_LENS_MOVES:
             only = clauses(only, "by the thin-lens model alone", by=", ")
             remedy = clauses(remedy, f"no aberration of {lens.name} is in that: leave it a margin")
-        numbers, words = (at, low, high, known), (counts, only, remedy)
+        numbers, words = (at, low, high, None if undefined else value), (counts, only, remedy)
         told.append(Requirement(quantity.name, label, *numbers, quantity.unit, met, *words, twin, field, caution))
     return tuple(told)
 
@@ -311,11 +310,15 @@ def _of_colours(camera: Camera, at: float | None, detail: float) -> tuple[str, f
     return (f"of all pixels refocused; single views alias: {views} lp/mm", coarsest) if detail > coarsest else None
 
 
-def _is_dark(shown: FieldImages, quantity: Quantity, share: float) -> bool:
-    """Whether a field that is required, such a share of what the sensor sees, gets no light at its ends."""
+def _darkness(shown: FieldImages, quantity: Quantity, low: float | None, value: float) -> str | None:
+    """Words on where a field that is held gets no light: at the ends of what is required, or in the corner alone."""
+    if low is None or not ("field_of_view" in quantity.name or quantity.name.startswith("field_half")):
+        return None
     pair = 0 if "width" in quantity.name else 1 if "height" in quantity.name else 2
-    images = images_of(shown.design, share * shown.ends.fields[2 * pair : 2 * pair + 2])
-    return not np.all(QUANTITIES["relative_illumination"].at_fields(images) > 0)
+    images = images_of(shown.design, low / value * shown.ends.fields[2 * pair : 2 * pair + 2])
+    if not np.all(QUANTITIES["relative_illumination"].at_fields(images) > 0):
+        return DARK
+    return None if shown.points[shown.farthest].relative_illumination > 0 else "with a dark corner"
 
 
 def _slip_of_unit(asked: Required, low: float | None, high: float | None, value: float, unit: str) -> str:

@@ -589,6 +589,52 @@ def test_a_remedy_of_a_warm_camera_cures_it_and_names_what_it_spoils():
 def test_behind_a_real_lens_what_the_sensor_sees_is_told_by_rays_wherever_it_is_told():
     result = roslf.evaluate("paper-singlet", [])
     (field,) = [verdict.text for verdict in result.verdicts if verdict.name == "field_undistorted"]
-    sides = result.answer.at[0].width_mm, result.answer.at[0].height_mm
-    assert f"the sensor sees {sides[0] / 2:.4g} mm (half width), {math.hypot(*sides) / 2:.4g} mm (corner)" in field
-    assert f"{sides[0] / 2:.4g}" != f"{result.non_distortion.field_half_width_mm:.4g}"  # else this tests nothing
+    width, diagonal = result.answer.at[0].width_mm, result.answer.at[0].diagonal_mm
+    assert f"the sensor sees {width / 2:.4g} mm (half width), {diagonal / 2:.4g} mm (corner)" in field
+    assert diagonal != pytest.approx(math.hypot(width, result.answer.at[0].height_mm), rel=1e-3)
+    farthest = max(point.x0_mm for point in roslf.specification("paper-singlet").field)
+    assert diagonal / 2 == pytest.approx(farthest, rel=0.01)
+    assert f"{width / 2:.4g}" != f"{result.non_distortion.field_half_width_mm:.4g}"  # else this tests nothing
+
+
+OTOSCOPE = """name = "otoscope"
+main_lens = {part = "achromat 25.4 mm f30", focal_plane = "60 mm"}
+aperture = {diameter = "1.9 mm", distance = "39 mm"}
+stops = [{diameter = "4 mm", distance = "45 mm"}]
+microlens_array = {pitch = "58 um", focal_length = "0.607 mm", size = ["10 mm", "10 mm"]}
+sensor = {part = "IMX304", size = ["SIDE", "SIDE"], distance = "0.607 mm"}
+required.field_half_width_mm = {at = "15 mm", min = "LOW"}
+required.detail_lp_per_mm = {at = "15 mm", min = 8}
+"""
+
+
+@pytest.mark.parametrize(
+    ("side", "way", "low", "outcome"),
+    [
+        ("9.3 mm", "width", "4.5 mm", "met with a dark corner"),
+        ("5 mm", "width", "2.5 mm", "as required"),
+        ("9.3 mm", "diagonal", "6.6 mm", "not as required"),
+    ],
+)
+def test_a_field_that_is_required_is_one_that_gets_light(side, way, low, outcome):
+    text = OTOSCOPE.replace("SIDE", side).replace("LOW", low).replace("half_width", f"half_{way}")
+    (told, *_) = roslf.evaluate(loads(text)).verdicts
+    assert told.text.startswith(outcome + ":"), told.text
+    assert ("dark at the edge of what is required" in told.text) == (outcome == "not as required")
+
+
+def test_no_remedy_puts_the_pupil_ahead_of_the_tip_that_distances_count_from():
+    narrow = loads(OTOSCOPE.replace("SIDE", "6.3 mm").replace("LOW", "4.5 mm"))
+    told = next(one for one in roslf.evaluate(narrow).verdicts if one.name.startswith("required_field_half"))
+    assert told.text.startswith("not as required: field half width")
+    assert "d_3" not in told.remedy
+
+
+def test_the_sheet_s_distortion_is_of_a_place_that_is_lit_and_says_where_it_is_no_finding():
+    sheet = basis(loads(OTOSCOPE.replace("SIDE", "9.3 mm").replace("LOW", "4.5 mm")))
+    bent, scale = (next(row for row in sheet.rows if row.name.startswith(one)) for one in ("distortion", "local magn"))
+    for row in (bent, scale):
+        assert "ideal lens: by definition" in row.remark
+        assert "the corner is dark" in row.remark
+        assert row.of is None  # no scatter of builds, of 0
+    assert "12.52 deg" in bent.name

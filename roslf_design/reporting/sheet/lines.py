@@ -92,7 +92,7 @@ NO_DISTORTION = 0.01
 """Distortion below which no cause is named [%]."""
 BY_DEFINITION = "ideal lens: by definition"
 """Remark on a number that says nothing of the lens that is bought."""
-UNLIT = "the corner is dark or folded; this is the farthest field told of that is not"
+UNLIT = "the corner is {}; this is the farthest field told of that is not"
 """Remark on a number that is not of the corner."""
 PARTS, REQUIRED, HEAD = "parts", "Required", "This sheet"
 HALF_PAGE = 520.0
@@ -271,35 +271,6 @@ class SpreadSources(NamedTuple):
         return " ".join(self.sentences)
 
 
-def _distortion_lines(shown: FieldImages, camera: Camera, traced: bool) -> Iterator[_SheetLine]:
-    """Distortion and magnification of the farthest field that is shown, against the middle."""
-    outermost, middle = shown.shown_last, shown.points[0]
-    unlit = "" if outermost == corner(shown.points) else UNLIT
-    at = "in the corner" if outermost.angle_deg is None else f"at {number(outermost.angle_deg, 4)} deg off axis"
-    scale = None
-    if outermost.local_magnification is not None and middle.local_magnification is not None:
-        scale = outermost.local_magnification / middle.local_magnification if middle.local_magnification else 0.0
-    lost = "not seen" if outermost.distortion_percent is None or scale is None else ""
-    bent: _Corner | None = _Corner("distortion_percent", (middle.x_ml_mm, outermost.x_ml_mm))
-    stretched: _Corner | None = _Corner("local_magnification", (middle.x_ml_mm, outermost.x_ml_mm), against=True)
-    barrel, bent_by = "below 0 is barrel-shaped", outermost.distortion_percent or 0.0
-    against = "against the middle, along the field's radius"
-    if not traced and not camera.mapping.bends:
-        if camera.chain.bends_rays:
-            windows = (
-                "of the flat faces of windows (or of their liquid) before the lens: the ideal lens itself has none"
-            )
-            barrel = clauses(barrel, windows * (abs(bent_by) > NO_DISTORTION))
-        else:
-            bent = stretched = None
-            barrel, against = BY_DEFINITION, f"{against}; {BY_DEFINITION}"
-    barrel, against = clauses(barrel, unlit), clauses(against, unlit)
-    yield _SheetLine(
-        "Over the field", f"distortion {at}", outermost.distortion_percent, "%", barrel, text=lost, of=bent
-    )
-    yield _SheetLine("Over the field", f"local magnification {at}", scale, "", against, text=lost, of=stretched)
-
-
 def _lines(
     shown: FieldImages,
     sheet: Specification,
@@ -349,12 +320,7 @@ def _lines(
         limit = "mtf50_lp_per_mm" if row.limited_by == "contrast" else "fold_lp_per_mm"
         remark, own = "" if dark else row.remark, limit if axial else ""
         yield _SheetLine("Resolution", at, row.usable_lp_per_mm, "lp/mm", remark, own, dark, of)
-    farthest, middle = corner(sheet.field), sheet.field[0]
-    shaded = _Corner("relative_illumination", (middle.x_ml_mm, farthest.x_ml_mm), 100.0)
-    yield from _distortion_lines(shown, camera, traced)
-    at = "in the corner" if farthest.angle_deg is None else f"at {number(farthest.angle_deg, 4)} deg off axis"
-    light = 100 * farthest.relative_illumination
-    yield _SheetLine("Over the field", f"relative illumination {at}", light, "%", "against the middle", of=shaded)
+    yield from _field_lines(shown, sheet, traced)
     answer = lit(FirstAnswer.of(shown, budget=budgets[None]))
     remark = clauses(answer.text, answer.remedy)
     yield _SheetLine("Over the field", "evenly lit", None, "", remark, text="yes" if answer.ok else "no")
@@ -367,6 +333,40 @@ def _lines(
         yield from _colour_lines(design, sheet.colours)
     yield from _whole_camera("Body", camera, {})
     yield _SheetLine("Body", PARTS, None, "", _part_words(sheet, camera), text=str(len(sheet.parts)))
+
+
+def _field_lines(shown: FieldImages, sheet: Specification, traced: bool) -> Iterator[_SheetLine]:
+    """Lines on distortion, where the field is lit, and on the light in its corner."""
+    camera = Camera.of(shown.design)
+    farthest, outermost, middle = corner(sheet.field), shown.shown_last, sheet.field[0]
+    at = "in the corner" if outermost.angle_deg is None else f"at {number(outermost.angle_deg, 4)} deg off axis"
+    scale = None
+    if outermost.local_magnification is not None and middle.local_magnification is not None:
+        scale = outermost.local_magnification / middle.local_magnification if middle.local_magnification else 0.0
+    lost = "not seen" if outermost.distortion_percent is None or scale is None else ""
+    bent: _Corner | None = _Corner("distortion_percent", (middle.x_ml_mm, outermost.x_ml_mm))
+    stretched: _Corner | None = _Corner("local_magnification", (middle.x_ml_mm, outermost.x_ml_mm), against=True)
+    shaded = _Corner("relative_illumination", (middle.x_ml_mm, farthest.x_ml_mm), 100.0)
+    unlit = "" if outermost == farthest else UNLIT.format("dark or folded" if traced else "dark")
+    barrel, bent_by = "below 0 is barrel-shaped", outermost.distortion_percent or 0.0
+    against = "against the middle, along the field's radius"
+    if not traced and not camera.mapping.bends:
+        if camera.chain.bends_rays:
+            windows = (
+                "of the flat faces of windows (or of their liquid) before the lens: the ideal lens itself has none"
+            )
+            barrel = clauses(barrel, windows * (abs(bent_by) > NO_DISTORTION))
+        else:
+            bent = stretched = None
+            barrel, against = BY_DEFINITION, f"{against}; {BY_DEFINITION}"
+    barrel, against = clauses(barrel, unlit), clauses(against, unlit)
+    yield _SheetLine(
+        "Over the field", f"distortion {at}", outermost.distortion_percent, "%", barrel, text=lost, of=bent
+    )
+    yield _SheetLine("Over the field", f"local magnification {at}", scale, "", against, text=lost, of=stretched)
+    at = "in the corner" if farthest.angle_deg is None else f"at {number(farthest.angle_deg, 4)} deg off axis"
+    light = 100 * farthest.relative_illumination
+    yield _SheetLine("Over the field", f"relative illumination {at}", light, "%", "against the middle", of=shaded)
 
 
 def _part_words(sheet: Specification, camera: Camera) -> str:
