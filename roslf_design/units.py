@@ -21,18 +21,8 @@ from pydantic_core import CoreSchema, core_schema
 
 _PI = Decimal("3.14159265358979323846264338327950288")
 
-NAMES = {
-    **dict.fromkeys(("micron", "micrometer", "u"), "um"),
-    "nanometer": "nm",
-    "millimeter": "mm",
-    "centimeter": "cm",
-    "meter": "m",
-    "inch": "in",
-    "inche": "in",
-    "degree": "deg",
-    "radian": "rad",
-    "second": "s",
-}
+NAMES = {"micron": "um", "micrometer": "um", "u": "um", "inch": "in", "inche": "in", "degree": "deg", "radian": "rad"}
+NAMES |= {"nanometer": "nm", "millimeter": "mm", "centimeter": "cm", "meter": "m", "second": "s"}
 """Names of units in full, one of each, and their letters."""
 UNITS: dict[str, dict[str, Decimal]] = {
     "length": {

@@ -5,8 +5,9 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -106,10 +107,7 @@ class Evaluation:
         return getattr(self, name) if name else self
 
     def value(self, quantity: Quantity | str) -> Any:
-        """Value of a quantity that is `evaluated`, or of its name; of u_z_mm in the plane in focus.
-
-        At other distances `answer.at` tells u_z_mm, and `roslf.quantity(name, at="15 mm")` any quantity of a camera.
-        """
+        """Value of a quantity that is `evaluated`, or of its name; of u_z_mm in focus (elsewhere `answer.at`)."""
         quantity = quantity_named(quantity) if isinstance(quantity, str) else quantity
         if quantity.name == "u_z_mm":
             return float(self.depth_budget.u_z_mm)
@@ -142,19 +140,18 @@ class Evaluation:
         return data
 
     def __str__(self) -> str:
-        from rich.console import Console
-
-        stream = io.StringIO()
-        print_short(self, Console(file=stream, width=118, no_color=True), more="print(result.everything)")
-        return stream.getvalue()
+        return self._printed(partial(print_short, more="print(result.everything)"))
 
     @property
     def everything(self) -> str:
         """All that `roslf evaluate --all` prints."""
+        return self._printed(print_evaluation)
+
+    def _printed(self, by: Callable[[Evaluation, Console], None]) -> str:
         from rich.console import Console
 
         stream = io.StringIO()
-        print_evaluation(self, Console(file=stream, width=118, no_color=True))
+        by(self, Console(file=stream, width=118, no_color=True))
         return stream.getvalue()
 
     def _repr_html_(self) -> str:
@@ -418,10 +415,7 @@ def _tables(result: Evaluation) -> list[Table]:
 def print_short(
     result: Evaluation, console: Console, tables: Sequence[Table] = (), more: str = "roslf evaluate --all"
 ) -> None:
-    """Print the first answer and, briefly, the verdicts: faults, what is to be known, what is good; then `tables`.
-
-    `more` is what prints the rest.
-    """
+    """Print the first answer and, briefly, the verdicts: faults, limits, what is good; `tables`; what tells `more`."""
     by_level = {level: [one for one in result.verdicts if one.level == level] for level in MARKS}
     brief = [replace(one, text=_brief(one.text), remedy=_brief(one.remedy)) for one in by_level["fault"]]
     brief += [replace(one, text=_brief(one.text), remedy="") for one in by_level["limit"]]
