@@ -139,10 +139,7 @@ def _typed(camera: Camera, symbol: str, value: float, holds: Holds) -> str:
 
 
 def _stands(camera: Camera, symbol: str, value: float) -> bool:
-    """Whether the FAP would go through tube and lens, or stand in no glass, or glass before the sensor have room.
-
-    Nor ahead of a tip that is another part, from which distances count.
-    """
+    """Whether the FAP would go through tube and lens, behind a tip that is another's and in no glass, or plates fit."""
     if symbol == "d_3":
         ahead = float(camera[PATHS["d_3"]]) < float(camera.tip) < value
         return not ahead and not any(part.start < value < part.end for part in camera.in_bore)

@@ -209,12 +209,9 @@ class FieldImages:
     @property
     def shown_last(self) -> _FieldPoint:
         """The farthest of the fields that gets light and is imaged once; the middle where none else does."""
-        folded = () if isinstance(self.images, IdealImages) else self.images.traced.status == ImageFate.FOLDED
-        seen = [
-            point
-            for k, point in enumerate(self.points)
-            if point.relative_illumination > 0 and not (len(folded) and folded[k])
-        ]
+        fates = [0] * len(self.points) if isinstance(self.images, IdealImages) else self.images.traced.status.tolist()
+        pairs = zip(self.points, fates, strict=True)
+        seen = [at for at, fate in pairs if at.relative_illumination > 0 and fate != ImageFate.FOLDED]
         return corner(seen or self.points[:1])
 
     def detail_in(self, field: str, at: float | None) -> Resolved:
