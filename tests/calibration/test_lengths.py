@@ -125,7 +125,7 @@ def test_depths_by_builds_that_are_calibrated_scatter_as_the_budget_says(ahead):
     design, asked = roslf.load("paper"), PlanOptions()
     best = calibration_plan(design, asked)
     sheet = data_sheet(design, best.captures.board, asked)
-    fit, plan = best.expected.typical[0], tolerance_plan(quick_study(design), design)[0]
+    fit, plan = best.expected.typical[0], tolerance_plan(quick_study(design) | {"trials": 8192}, design)[0]
     places = [PATHS[name] for name in ("f", "d_1", "d_3", "d_2", "d")]
     built, count = lengths_built(plan), 8192
     builds, _ = first_builds(plan, count)

@@ -25,7 +25,14 @@ from roslf_design.reporting.blocks import Report
 from roslf_design.reporting.calibrate.pages import planned_depth
 from roslf_design.reporting.depth.pages import _beside_expected
 from roslf_design.reporting.sheet import lines as datasheet
-from roslf_design.reporting.sheet.lines import DEPTH, EXPECTED, basis, datasheet_report, datasheet_section
+from roslf_design.reporting.sheet.lines import (
+    BY_DEFINITION,
+    DEPTH,
+    EXPECTED,
+    basis,
+    datasheet_report,
+    datasheet_section,
+)
 from roslf_design.reporting.sweep import sweep_picture
 from roslf_design.tables import Table
 from roslf_design.theory.depth_budget import depth_budget
@@ -71,9 +78,10 @@ def test_a_sheet_tells_each_line_with_its_tolerance(tmp_path, capsys, monkeypatc
     views = lines["views across"]
     assert 0.5 < views["two_sigma"] / (0.01 * views["value"]) < 1.3
     assert lines["length"]["two_sigma"] == pytest.approx(0.0, abs=1e-9)
-    # Depth as expected is an uncertainty itself, in which tolerances have a part: it has none of its own.
+    # Depth as expected is an uncertainty itself, in which tolerances have a part: it has none of its own. No more have
+    # numbers that an ideal lens has by definition.
     assert all(
-        (line["two_sigma"] is None) == (line["subject"] == EXPECTED)
+        (line["two_sigma"] is None) == (line["subject"] == EXPECTED or BY_DEFINITION in line["remark"])
         for line in told["lines"]
         if line["value"] is not None
     )

@@ -446,7 +446,7 @@ def test_remedies_of_the_match_leave_microlenses_on_the_pupil():
     small = roslf.load("video-otoscope").replace(D_F=0.4 * roslf.load("video-otoscope").D_F)
     remedy = roslf.evaluate(small).verdicts[0].remedy
     ways = re.findall(r"(d_2|D_F|d_3) = ([\d.]+) mm(?: with (f_ml) = ([\d.]+) mm)?", remedy)
-    assert {symbol for symbol, *_ in ways} == {"d_2", "D_F", "d_3"}
+    assert {symbol for symbol, *_ in ways} == {"d_2", "D_F"}  # d_3 would put the iris ahead of the window
     assert any(also for _, _, also, _ in ways)
     for symbol, value, also, focal in ways:
         alone = roslf.evaluate(small.replace(**{symbol: float(value)}))
