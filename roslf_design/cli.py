@@ -15,7 +15,6 @@ import re
 import signal
 import sys
 import threading
-from importlib.abc import Loader
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -24,7 +23,11 @@ from ._version import __version__
 from .errors import InputError, cause, one_line
 
 if TYPE_CHECKING:
+    from importlib.abc import Loader
+
     from cyclopts import App
+else:
+    Loader = object  # importlib.abc brings importlib.resources with it
 
 NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
 """Errors of the system for names that no file can have, wherever one is first looked for."""
@@ -35,11 +38,18 @@ PATIENCE = 2.0
 SELDOM_USED = frozenset(
     {
         *("numpy.f2py", "numpy.ma", "numpy.testing", "numpy._core._add_newdocs", "numpy._core._add_newdocs_scalars"),
-        *("importlib.metadata._adapters", "secrets", "shutil", "yaml", "zipfile"),
+        *("ctypes", "importlib.metadata._adapters", "json", "secrets", "shutil", "tempfile", "yaml", "zipfile"),
         "scipy.special",  # of scipy.ndimage
     }
 )
 """Modules that numpy, scipy, numba and pydantic import, slow ones, and commands use seldom or never."""
+NEVER_ASKED = frozenset(
+    {
+        *("numpy._typing._array_like", "numpy._typing._char_codes", "numpy._typing._dtype_like"),
+        "pydantic.plugin._loader",  # plugins are off: see `run`
+    }
+)
+"""Slow modules whose names stand in annotations alone, or give nothing when called."""
 YOUNG = 20_000
 """Objects made before Python looks for cycles that nothing holds any more."""
 
@@ -262,12 +272,42 @@ class _Later(Loader):
         names["__getattr__"] = asked
 
 
+class _Nothing:
+    """Any type of annotations, also of something; nothing when it is called."""
+
+    def __new__(cls) -> tuple[()]:  # type: ignore[misc]
+        return ()
+
+    def __class_getitem__(cls, _: Any) -> type[_Nothing]:
+        return cls
+
+
+class _Never(Loader):
+    """Loader of a module that has every name, and each is `_Nothing`."""
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        """Make it."""
+        return ModuleType(spec.name)
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Give it its names."""
+
+        def asked(name: str) -> type[_Nothing]:
+            if name.startswith("__"):
+                raise AttributeError(f"module {module.__name__!r} has no attribute {name!r}")
+            return _Nothing
+
+        vars(module)["__getattr__"] = asked
+
+
 class _Lazily:
-    """Finder of modules that are executed when somebody asks for what is in them."""
+    """Finder of modules that are executed when somebody asks for what is in them, or never."""
 
     @staticmethod
     def find_spec(name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
-        """Find one that is seldom used, and none else."""
+        """Find one that is seldom used, or never, and none else."""
+        if name in NEVER_ASKED:
+            return ModuleSpec(name, _Never())
         spec = PathFinder.find_spec(name, path, target) if name in SELDOM_USED else None
         if spec is not None and spec.loader is not None:
             spec.loader = _Later(spec.loader)

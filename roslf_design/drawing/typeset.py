@@ -9,10 +9,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from .marks import Point
-
 if TYPE_CHECKING:
     import typst
+
+    from .marks import Point
 
 POINTS = 0.75
 """Points a pixel."""
