@@ -8,7 +8,7 @@ from numbers import Integral
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, ValidationError
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, ValidationError
 
 from .errors import Argument, InputError, refusal
 from .toml_files import StrictTable, problems_of
@@ -62,7 +62,9 @@ def up_to(most: int) -> AfterValidator:
 
 
 class Options(StrictTable):
-    """Options of a job; the description of a field is its help in the shell."""
+    """Options of a job; the text below a field is its help in the shell."""
+
+    model_config = ConfigDict(use_attribute_docstrings=True)
 
     @classmethod
     def of(cls, **values: Any) -> Self:

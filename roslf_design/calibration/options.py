@@ -42,38 +42,22 @@ def _digit(value: Any) -> Any:
 class SheetOptions(Options):
     """Numbers that a calibration takes as known beforehand, and how well."""
 
-    board: str | None = Field(
-        None,
-        description='The checkerboard: cells across, cells down, size of one, as "4x5 6 mm". Of a ChArUco board, '
-        "which need not be seen whole, its markers' size and dictionary too, as \"charuco 8x6 6 mm 4.5 mm "
-        'DICT_4X4_50".',
-    )
-    seed: Seed = Field(
-        0,
-        description="Seed of the posterior, or of a plan's random poses; the same seed gives the same bytes.",
-    )
-    f_sigma: str = Field(
-        "1 %",
-        description='Standard deviation of the data sheet\'s focal length, as "1 mm" or "1%".',
-    )
-    d_sigma: str = Field(
-        "0.1 %",
-        description='Standard deviation of the microlens pitch, as "0.05 um" or "0.01%".',
-    )
-    cell_sigma: str = Field(
-        "0.1 %",
-        description='Standard deviation of the board\'s cells, all alike, as "10 um" or "0.1%".',
-    )
-    sigma: dict[str, str | float] = Field(
-        default_factory=dict,
-        description="Standard deviations of numbers of what stands before the lens or about the array, by their "
-        "places.",
-    )
-    white_pitch: str | None = Field(
-        None,
-        description='Use the pitch of the white image\'s microlens images, known to this share, as "0.01%". Where the '
-        "microlens pitch is known as well it ties the focal length, better than most data sheets.",
-    )
+    board: str | None = None
+    """The checkerboard: cells across, cells down, size of one, as "4x5 6 mm". Of a ChArUco board, which need not be
+    seen whole, its markers' size and dictionary too, as "charuco 8x6 6 mm 4.5 mm DICT_4X4_50"."""
+    seed: Seed = 0
+    """Seed of the posterior, or of a plan's random poses; the same seed gives the same bytes."""
+    f_sigma: str = "1 %"
+    """Standard deviation of the data sheet's focal length, as "1 mm" or "1%"."""
+    d_sigma: str = "0.1 %"
+    """Standard deviation of the microlens pitch, as "0.05 um" or "0.01%"."""
+    cell_sigma: str = "0.1 %"
+    """Standard deviation of the board's cells, all alike, as "10 um" or "0.1%"."""
+    sigma: dict[str, str | float] = Field(default_factory=dict)
+    """Standard deviations of numbers of what stands before the lens or about the array, by their places."""
+    white_pitch: str | None = None
+    """Use the pitch of the white image's microlens images, known to this share, as "0.01%". Where the microlens pitch
+    is known as well it ties the focal length, better than most data sheets."""
 
     @field_validator("board")
     @classmethod
@@ -111,31 +95,19 @@ class SheetOptions(Options):
 class PoseOptions(Options):
     """Captures that are planned; what is left out is chosen to suit the design, or is what careful work reaches."""
 
-    boards: Annotated[int, Field(le=200)] = Field(
-        12,
-        description="How many images of the board (12).",
-    )
-    tilt: Angle = Field(
-        math.radians(20),
-        description="The largest tilt (20 deg).",
-    )
-    distance: Length | None = Field(
-        None,
-        description="Mean distance of the boards from the main lens (the design's focal plane).",
-    )
-    range: Distance | None = Field(
-        None,
-        description="Farthest minus nearest (a quarter of the way from FAP or lens to the focal plane).",
-    )
-    noise: Annotated[float, Field(ge=LEAST_NOISE, le=MOST_NOISE)] = Field(
-        0.06,
-        description="Standard deviation of a corner's coordinate in one view, in microlens pitches (0.06).",
-    )
-    at: tuple[Length, ...] = Field(
-        (),
-        description='Distance ahead of the tip, as "10mm", at which depth is reported and a bench has its textured '
-        "wall, too; may be given several times.",
-    )
+    boards: Annotated[int, Field(le=200)] = 12
+    """How many images of the board (12)."""
+    tilt: Angle = math.radians(20)
+    """The largest tilt (20 deg)."""
+    distance: Length | None = None
+    """Mean distance of the boards from the main lens (the design's focal plane)."""
+    range: Distance | None = None
+    """Farthest minus nearest (a quarter of the way from FAP or lens to the focal plane)."""
+    noise: Annotated[float, Field(ge=LEAST_NOISE, le=MOST_NOISE)] = 0.06
+    """Standard deviation of a corner's coordinate in one view, in microlens pitches (0.06)."""
+    at: tuple[Length, ...] = ()
+    """Distance ahead of the tip, as "10mm", at which depth is reported and a bench has its textured wall, too; may be
+    given several times."""
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
@@ -150,36 +122,23 @@ class PlanOptions(PoseOptions, SheetOptions):
 class CalibrateOptions(SheetOptions):
     """A calibration from captured images."""
 
-    distances: Path | None = Field(
-        None,
-        description='A TOML file of how far the boards stood: sigma = "0.1 mm", relative = true for readings of a '
-        'rail instead of distances from the main lens, and under [distances] lines such as "board1.tif" = '
-        '"320 mm".',
-    )
-    distortion: Annotated[Literal[0, 1, 2], BeforeValidator(_digit)] | None = Field(
-        None,
-        description="Radial coefficients to find: 0, 1 or 2. Default: 1 where the design's main lens has a "
-        "prescription, else none unless residuals ask for them.",
-    )
-    posterior: bool = Field(
-        True,
-        description="Sample the posterior; else intervals are those of the Fisher matrix (Laplace's approximation).",
-    )
-    accuracy: float | None = Field(
-        None,
-        description="Error that the posterior's means may have, in its own standard deviations, as 0.05 (in 95 % of "
-        "runs): it is sampled for as long as that takes. Default: 0.1.",
-    )
-    diffraction: Literal["auto", "on", "off"] = Field(
-        "auto",
-        description="Take microlens diffraction off the corners: always, never, or (auto) where the design's is above "
-        "0.1 px and the white image shows it.",
-    )
-    use_in: str | None = Field(
-        None,
-        description="The medium that the camera will look into where that is not the boards', as water, saline or an "
-        "index: reports what depths would be off by, and calibrated.toml is the camera in that medium.",
-    )
+    distances: Path | None = None
+    """A TOML file of how far the boards stood: sigma = "0.1 mm", relative = true for readings of a rail instead of
+    distances from the main lens, and under [distances] lines such as "board1.tif" = "320 mm"."""
+    distortion: Annotated[Literal[0, 1, 2], BeforeValidator(_digit)] | None = None
+    """Radial coefficients to find: 0, 1 or 2. Default: 1 where the design's main lens has a prescription, else none
+    unless residuals ask for them."""
+    posterior: bool = True
+    """Sample the posterior; else intervals are those of the Fisher matrix (Laplace's approximation)."""
+    accuracy: float | None = None
+    """Error that the posterior's means may have, in its own standard deviations, as 0.05 (in 95 % of runs): it is
+    sampled for as long as that takes. Default: 0.1."""
+    diffraction: Literal["auto", "on", "off"] = "auto"
+    """Take microlens diffraction off the corners: always, never, or (auto) where the design's is above 0.1 px and the
+    white image shows it."""
+    use_in: str | None = None
+    """The medium that the camera will look into where that is not the boards', as water, saline or an index: reports
+    what depths would be off by, and calibrated.toml is the camera in that medium."""
 
     @property
     def checkerboard(self) -> Board:

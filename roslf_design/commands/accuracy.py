@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
-from pydantic import Field
 
 from ..accuracy.statement import check_accuracy
 from ..accuracy.table import QUANTITIES, cache_file, check_quantity, current_table
@@ -59,31 +58,18 @@ accuracy = App(
 class _Options(Options):
     """Diagrams that are wanted."""
 
-    scene: str | None = Field(
-        None,
-        description="A scene file: how many rays a pixel of it needs, on a patch about the field.",
-    )
-    accuracy: float = Field(
-        1e-3,
-        description="What a result may be off by; each quantity's error is explained on the page.",
-    )
-    quantity: str | None = Field(
-        None,
-        description='Only this one, as "pixel image". Default: all, or none where a scene is given.',
-    )
-    field: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = Field(
-        None,
-        description='Microlens position on the MLA in mm, "11.15" or "x,y", instead of the panels that show every '
-        "difficulty.",
-    )
-    jobs: int = Field(
-        0,
-        description="Also try the choice on so many random jobs, and report how many promises were met.",
-    )
-    seed: int = Field(
-        0,
-        description="Seed of random methods and jobs.",
-    )
+    scene: str | None = None
+    """A scene file: how many rays a pixel of it needs, on a patch about the field."""
+    accuracy: float = 1e-3
+    """What a result may be off by; each quantity's error is explained on the page."""
+    quantity: str | None = None
+    """Only this one, as "pixel image". Default: all, or none where a scene is given."""
+    field: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
+    """Microlens position on the MLA in mm, "11.15" or "x,y", instead of the panels that show every difficulty."""
+    jobs: int = 0
+    """Also try the choice on so many random jobs, and report how many promises were met."""
+    seed: int = 0
+    """Seed of random methods and jobs."""
 
     def check(self, output: Path | None) -> None:
         """Refuse what cannot be had."""

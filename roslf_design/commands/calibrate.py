@@ -51,10 +51,8 @@ LIKE = {"design": "paper", "board": '"4x5 6 mm"', "output": "out/calibration"}
 class _Options(CalibrateOptions):
     """Options but those that the shell has another form for."""
 
-    design: str | None = Field(
-        None,
-        description="The design that the camera was built to: a file or a preset. Gives f, pixel and microlens pitch.",
-    )
+    design: str | None = None
+    """The design that the camera was built to: a file or a preset. Gives f, pixel and microlens pitch."""
     sigma: Annotated[dict[str, str | float], Unread] = Field(default_factory=dict)
     posterior: Annotated[bool, Unread] = True
 

@@ -64,23 +64,14 @@ class _Options(CaptureOptions):
 class _Simulation(Options):
     """Pictures that are simulated, of a design."""
 
-    scene: Path | None = Field(
-        None,
-        description="With a design: a scene file. Default: a slanted wall with texture at the focal plane.",
-    )
-    exposures: int | None = Field(
-        None,
-        description="With a design: pictures that differ by noise alone; with several, scatter is told apart from "
-        "bias.",
-    )
-    believed: str | None = Field(
-        None,
-        description="With a design: compute depth as if the camera were this other one, as with a wrong calibration.",
-    )
-    seed: int | None = Field(
-        None,
-        description="With a design: of noise and sampling; the same seed gives the same bytes.",
-    )
+    scene: Path | None = None
+    """With a design: a scene file. Default: a slanted wall with texture at the focal plane."""
+    exposures: int | None = None
+    """With a design: pictures that differ by noise alone; with several, scatter is told apart from bias."""
+    believed: str | None = None
+    """With a design: compute depth as if the camera were this other one, as with a wrong calibration."""
+    seed: int | None = None
+    """With a design: of noise and sampling; the same seed gives the same bytes."""
 
     def faults(self, capture: bool) -> list[Argument]:
         """Options that cannot be had: none of them goes with a capture."""

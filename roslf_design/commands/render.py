@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
-from pydantic import Field
 
 from ..accuracy.picture import settle, stated
 from ..design.files import in_the_way, write_atomically
@@ -43,35 +42,21 @@ from .terminal import (
 class _Options(Options):
     """Physics that is drawn, and where."""
 
-    budget_px: str | None = Field(
-        None,
-        description="Effects that move light by less than this many pixels are left out; so are displacements on the "
-        "microlens array below the same number of pitches. Default: 0.1.",
-    )
-    budget_intensity: str | None = Field(
-        None,
-        description='Effects that change intensities by less are left out ("1%" or "0.01"); also how exact sampled '
-        "pixels are. Default: 1%.",
-    )
-    accuracy: float | None = Field(
-        None,
-        description="Instead of both budgets: what 99 of 100 pixels may be off by, 1 being a fully lit one, as 0.01. "
-        "As many rays are traced as that takes, tried beforehand on small patches, and the picture is "
-        "checked on others.",
-    )
-    effects: Annotated[list[str] | None, Parameter(allow_leading_hyphen=True, negative=())] = Field(
-        None,
-        description="Overrides: all, none, +name, -name; may be given several times or with commas. The names stand "
-        "in the plan.",
-    )
-    region: str | None = Field(
-        None,
-        description="Only a part of the sensor, as column,row,columns,rows in pixels.",
-    )
-    seed: int = Field(
-        0,
-        description="For sampling and noise: the same seed gives the same bytes.",
-    )
+    budget_px: str | None = None
+    """Effects that move light by less than this many pixels are left out; so are displacements on the microlens array
+    below the same number of pitches. Default: 0.1."""
+    budget_intensity: str | None = None
+    """Effects that change intensities by less are left out ("1%" or "0.01"); also how exact sampled pixels are.
+    Default: 1%."""
+    accuracy: float | None = None
+    """Instead of both budgets: what 99 of 100 pixels may be off by, 1 being a fully lit one, as 0.01. As many rays are
+    traced as that takes, tried beforehand on small patches, and the picture is checked on others."""
+    effects: Annotated[list[str] | None, Parameter(allow_leading_hyphen=True, negative=())] = None
+    """Overrides: all, none, +name, -name; may be given several times or with commas. The names stand in the plan."""
+    region: str | None = None
+    """Only a part of the sensor, as column,row,columns,rows in pixels."""
+    seed: int = 0
+    """For sampling and noise: the same seed gives the same bytes."""
 
     def budget(self) -> Budget:
         """Budget below which effects are left out; refused beside an accuracy, and where it is no number."""

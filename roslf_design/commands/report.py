@@ -13,8 +13,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Field
-
 from .._version import __version__
 from ..design.files import KINDS
 from ..drawing.solid import NoPictureError, picture, vtp_bytes
@@ -58,29 +56,17 @@ LIBRARIES = ("roslf_design", "numpy", "scipy", "matplotlib", "typst")
 class _Contents(Options):
     """Numbers that a report stands on."""
 
-    calibration: Path | None = Field(
-        None,
-        description="Folder that roslf calibrate wrote: its posterior stands in a design's report instead of a plan, "
-        "and the data sheet is of the instrument that was calibrated, each line with what is left "
-        "uncertain of it (2 sigma).",
-    )
-    seed: int | None = Field(
-        None,
-        description="Seed of all that is drawn at random, instead of the studies' own; the same seed gives "
-        "the same bytes.",
-    )
-    accuracy: float | None = Field(
-        None,
-        description="Of a design, or of designs compared: what shares of light may be off by where parts are tilted "
-        "and rays are counted, as 1e-4. A study's own accuracy is asked of roslf optimize and roslf "
-        "tolerance.",
-    )
+    calibration: Path | None = None
+    """Folder that roslf calibrate wrote: its posterior stands in a design's report instead of a plan, and the data
+    sheet is of the instrument that was calibrated, each line with what is left uncertain of it (2 sigma)."""
+    seed: int | None = None
+    """Seed of all that is drawn at random, instead of the studies' own; the same seed gives the same bytes."""
+    accuracy: float | None = None
+    """Of a design, or of designs compared: what shares of light may be off by where parts are tilted and rays are
+    counted, as 1e-4. A study's own accuracy is asked of roslf optimize and roslf tolerance."""
 
-    at: Distances = Field(
-        None,
-        description='Distance ahead of the tip, as "10mm", that it reports beside the focal plane; may be given '
-        "several times.",
-    )
+    at: Distances = None
+    """Distance ahead of the tip, as "10mm", that it reports beside the focal plane; may be given several times."""
 
     def maker(self, names: Sequence[str], compare: bool) -> tuple[str, Callable[..., Report]]:
         """Title, and function that makes the report of these inputs, each read and found good."""

@@ -63,49 +63,29 @@ TRUTH = "gt_disp_lowres.pfm"
 class CaptureOptions(Options):
     """Camera that took a picture, and where to look for depth in it."""
 
-    design: FileName | None = Field(
-        None,
-        description="Design of the camera that took the image: a file or a preset.",
-    )
-    white: Path | None = Field(
-        None,
-        description="White image of the same camera setting: shows where the microlens images are, and takes "
-        "vignetting off. Without one both are the design's, which is less sure.",
-    )
-    dark: Path | None = Field(
-        None,
-        description="Frame without light, taken off both.",
-    )
-    calibration: Path | None = Field(
-        None,
-        description="Folder that roslf calibrate wrote: depths by the camera as calibrated, with what that leaves "
-        "open in their errors, and with its sensor's noise where that was measured.",
-    )
-    region: tuple[int, int, int, int] | None = Field(
-        None,
-        description="Column, row, columns and rows of the sensor that a raw image shows, where that is not all.",
-    )
-    between: str | None = Field(
-        None,
-        description='Distances between which to look, as "300 mm, 400 mm", or disparities: pixels from view to view '
-        'of files of views, pitches over the pupil of raw images ("-2, 2"; on a command line --between=-2,2). '
-        "Default: wherever something is sharp, or as disp_min and disp_max of parameters.cfg say.",
-    )
-    window: int | None = Field(
-        None,
-        description="Microlenses (pixels of views) that are matched together along each side. Default: the design's; "
-        "7 of views.",
-    )
-    truth: Path | None = Field(
-        None,
-        description="Disparities of decoded views, from view to view as .pfm [px], to compare with. Default: "
-        "gt_disp_lowres.pfm of the folder, where there is one.",
-    )
-    sigma: dict[str, str] = Field(
-        default_factory=dict,
-        description='How surely lengths of the camera are known that no calibration states, by their places, as "1%" '
-        'or "20 um".',
-    )
+    design: FileName | None = None
+    """Design of the camera that took the image: a file or a preset."""
+    white: Path | None = None
+    """White image of the same camera setting: shows where the microlens images are, and takes vignetting off. Without
+    one both are the design's, which is less sure."""
+    dark: Path | None = None
+    """Frame without light, taken off both."""
+    calibration: Path | None = None
+    """Folder that roslf calibrate wrote: depths by the camera as calibrated, with what that leaves open in their
+    errors, and with its sensor's noise where that was measured."""
+    region: tuple[int, int, int, int] | None = None
+    """Column, row, columns and rows of the sensor that a raw image shows, where that is not all."""
+    between: str | None = None
+    """Distances between which to look, as "300 mm, 400 mm", or disparities: pixels from view to view of files of views,
+    pitches over the pupil of raw images ("-2, 2"; on a command line --between=-2,2). Default: wherever something is
+    sharp, or as disp_min and disp_max of parameters.cfg say."""
+    window: int | None = None
+    """Microlenses (pixels of views) that are matched together along each side. Default: the design's; 7 of views."""
+    truth: Path | None = None
+    """Disparities of decoded views, from view to view as .pfm [px], to compare with. Default: gt_disp_lowres.pfm of the
+    folder, where there is one."""
+    sigma: dict[str, str] = Field(default_factory=dict)
+    """How surely lengths of the camera are known that no calibration states, by their places, as "1%" or "20 um"."""
 
     def camera(self) -> tuple[Design | None, LengthCovariance | None]:
         """Camera that an image is from, where one is named, and how sure its lengths are."""

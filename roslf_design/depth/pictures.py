@@ -131,22 +131,14 @@ def _looked_at(camera: Camera, region: Region) -> Array:
 class PictureOptions(Options):
     """Pictures that are taken, of a camera that is simulated."""
 
-    region: tuple[int, int, int, int] | None = Field(
-        None,
-        description="Column, row, columns and rows of the sensor. Default: a strip across its middle.",
-    )
-    seed: Seed = Field(
-        0,
-        description="Seed of the noise; the same seed gives the same bytes.",
-    )
-    exposures: Annotated[int, Field(ge=1)] = Field(
-        1,
-        description="Pictures, which differ by noise alone.",
-    )
-    rays: Annotated[int, Field(ge=1)] | None = Field(
-        None,
-        description="Rays of each pixel. Default: as many as the light calls for.",
-    )
+    region: tuple[int, int, int, int] | None = None
+    """Column, row, columns and rows of the sensor. Default: a strip across its middle."""
+    seed: Seed = 0
+    """Seed of the noise; the same seed gives the same bytes."""
+    exposures: Annotated[int, Field(ge=1)] = 1
+    """Pictures, which differ by noise alone."""
+    rays: Annotated[int, Field(ge=1)] | None = None
+    """Rays of each pixel. Default: as many as the light calls for."""
 
     def part(self, design: Design) -> Region:
         """Part of a design's sensor that is looked at."""

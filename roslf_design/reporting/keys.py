@@ -124,8 +124,7 @@ class KeyTable(NamedTuple):
         }
         own |= texts.get(self.heading.strip("`"), {})
         fields = self.model.model_fields.items()
-        options = {name: field.description for name, field in fields if field.description}
-        words = descriptions(self.model) | options | own
+        words = descriptions(self.model) | own
         hints = get_type_hints(self.model, include_extras=True)
         keys = []
         for name, field in fields:

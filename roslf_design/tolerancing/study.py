@@ -512,19 +512,13 @@ def _chunk_size(trials: int) -> int:
 class RunOptions(Options):
     """Trials of a tolerance study, instead of what its file says."""
 
-    seed: Seed | None = Field(
-        None,
-        description="Instead of the study's; the same seed gives the same bytes.",
-    )
-    trials: Annotated[int, up_to(MOST_TRIALS)] | None = Field(
-        None,
-        description="Instead of the study's.",
-    )
-    accuracy: float | None = Field(
-        None,
-        description="Instead of a number of trials: what shares of builds (the yield, those below a quantile) may be "
-        "off by, as 0.005 (in 95 % of runs). 0.001 takes a million trials.",
-    )
+    seed: Seed | None = None
+    """Instead of the study's; the same seed gives the same bytes."""
+    trials: Annotated[int, up_to(MOST_TRIALS)] | None = None
+    """Instead of the study's."""
+    accuracy: float | None = None
+    """Instead of a number of trials: what shares of builds (the yield, those below a quantile) may be off by, as 0.005
+    (in 95 % of runs). 0.001 takes a million trials."""
 
     def plan(self, path: str | Path) -> tuple[TolerancePlan, Study, Grades]:
         """Study of a file, resolved; errors as of `load_plan`."""
