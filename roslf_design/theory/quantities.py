@@ -151,6 +151,27 @@ def _half_field(way: Literal["width", "height", "diagonal"]) -> Callable[[Camera
     return of
 
 
+def _half_fields() -> Iterator[Quantity]:
+    """Half of what the sensor sees of a plane, over its width, height and diagonal."""
+    plane = "that the sensor sees, at a distance ahead of the tip or at the focal plane"
+    for way, words, line in (
+        ("width", f"half the width {plane}, of traced chief rays", "on the focal plane"),
+        ("height", f"half the height {plane}", None),
+        ("diagonal", "the same to the corner", ""),
+    ):
+        yield Quantity(
+            f"field_half_{way}_mm",
+            "mm",
+            words,
+            **_over_field(_half_field(way)),
+            of_rays=lambda rays, at, way=way: rays.half_field(way, at),  # type: ignore[misc]
+            at="optional",
+            traced=True,
+            label=f"field half {way}",
+            evaluated=None if line is None else Listed("non_distortion", f"sensor sees, half {way}", line),
+        )
+
+
 def _half_angle(c: Camera, _: Depth, field: SensorField) -> Array:
     if not c.chain.bends_rays:
         return np.asarray(np.rad2deg(1.0) * light.field_angle(c, field.half[0]))
@@ -450,39 +471,7 @@ _EVERY = (
         label="undistorted field radius",
         evaluated=Listed("non_distortion", "undistorted object radius", "Eq. 6, a half-field", key="x0_max_mm"),
     ),
-    Quantity(
-        "field_half_width_mm",
-        "mm",
-        "half the width that the sensor sees, at a distance ahead of the tip or at the focal plane, of traced chief "
-        "rays",
-        **_over_field(_half_field("width")),
-        of_rays=lambda rays, at: rays.half_field("width", at),
-        at="optional",
-        traced=True,
-        label="field half width",
-        evaluated=Listed("non_distortion", "sensor sees, half width", "on the focal plane"),
-    ),
-    Quantity(
-        "field_half_height_mm",
-        "mm",
-        "half the height that the sensor sees, at a distance ahead of the tip or at the focal plane",
-        **_over_field(_half_field("height")),
-        of_rays=lambda rays, at: rays.half_field("height", at),
-        at="optional",
-        traced=True,
-        label="field half height",
-    ),
-    Quantity(
-        "field_half_diagonal_mm",
-        "mm",
-        "the same to the corner",
-        **_over_field(_half_field("diagonal")),
-        of_rays=lambda rays, at: rays.half_field("diagonal", at),
-        at="optional",
-        traced=True,
-        label="field half diagonal",
-        evaluated=Listed("non_distortion", "sensor sees, half diagonal"),
-    ),
+    *_half_fields(),
     Quantity(
         "non_distortion_room_mm",
         "mm",
@@ -1003,21 +992,16 @@ DECODED = {
             local=lambda builds: np.hypot(*_centre_error(builds)),
             label="image-centre error",
         ),
-        Quantity(
-            "centre_error_x_px",
-            "px",
-            "the same along x",
-            local=lambda builds: _centre_error(builds)[0],
-            label="image-centre error along x",
-            positive=False,
-        ),
-        Quantity(
-            "centre_error_y_px",
-            "px",
-            "the same along y",
-            local=lambda builds: _centre_error(builds)[1],
-            label="image-centre error along y",
-            positive=False,
+        *(
+            Quantity(
+                f"centre_error_{axis}_px",
+                "px",
+                f"the same along {axis}",
+                local=lambda builds, k=k: _centre_error(builds)[k],  # type: ignore[misc]
+                label=f"image-centre error along {axis}",
+                positive=False,
+            )
+            for k, axis in enumerate("xy")
         ),
         Quantity(
             "depth_error_mm",
