@@ -358,6 +358,21 @@ def test_kept_fraction_is_whole_inside_the_circle_of_eq_6_and_nowhere_outside(na
     )
 
 
+def test_report_and_explorer_count_whole_and_cut_images_alike():
+    design = DESIGNS["mismatched-borescope"]
+    fields = field_map(design)
+    told = [text.text for text in field_maps(design, fields).marks if isinstance(text, Text)]
+    told += [panel.title for panel in field_maps(design, fields).panels]
+    (shown,) = _find(mla_map(design).svg(), "mla-shares")
+    assert shown.text in told
+    # What is whole by Eq. 6, counted microlens by microlens, to a percentage point.
+    x, y = (np.arange(-round(side / design.d / 2), round(side / design.d / 2) + 1) * design.d for side in (9.0, 7.5))
+    at = np.meshgrid(x, y)
+    seen = [np.abs(place) <= side / 2 for place, side in zip(Camera.of(design).chief_point(*at), design.sensor_size)]
+    whole = (np.hypot(*at) <= evaluate(design).non_distortion.x_ml_max_mm)[seen[0] & seen[1]].mean()
+    assert abs(int(re.search(r"(\d+) % whole", shown.text)[1]) - 100 * whole) <= 1
+
+
 def test_offset_map_is_the_pitch_law_where_nothing_is_clipped():
     fields = field_map(PAPER, points=20)
     growth = evaluate(PAPER).microlens_image.pitch_mm / PAPER.d - 1

@@ -43,8 +43,6 @@ from ...traced.images import measured_bound, real_field
 if TYPE_CHECKING:
     from ...design import Design
 
-POINTS = 120
-"""Places along the array's longer side."""
 LEFT, TOP, RIGHT, BELOW = 52.0, 26.0, 12.0, 42.0
 """Margins [px]."""
 MOST_SHOWN = 1.68
@@ -116,7 +114,7 @@ def mla_map(
     picture's mapping takes pixels to places on the MLA [mm].
     """
     thin = design.thin_twin
-    fields = field_map(thin, POINTS)
+    fields = field_map(thin)
     dots = tuple(Dots((x,), (0.0,), colour, size=3.6) for x, colour in zip((-7.0, 0.0, 7.0), FIELDS, strict=True))
     keys = [*_kept_keys(fields), *_frame_keys(thin), Key("centre, edge, corner", dots)]
     tall = legend_height(keys, size[0] - 24)
