@@ -95,9 +95,12 @@ class Plate(Block):
 
     kind: Literal["plate"]
     part: PartName | None = None
-    """Window in the catalogue that gives thickness, material and diameter where they are left out; as `sensor.part`."""
+    """Window in the catalogue that gives what is left out of thickness, material and diameters; as `sensor.part`."""
+    outer_diameter: Length | None = None
+    """Diameter of the whole window with its edge, which a tube must hold [mm]; None: its `diameter`."""
 
     catalogue: ClassVar = ("windows",)
+    number_keys: ClassVar = (*Block.number_keys, "outer_diameter")
 
     @property
     def trade_name(self) -> str:  # type: ignore[override]

@@ -40,6 +40,8 @@ LENS_PRESCRIPTION = "main_lens.prescription"
 ALIKE = 0.05
 """Relative difference up to which a prescription's focal length is that of its catalogue line."""
 
+EDGE = "outer_diameter"
+"""Key of the diameter of a whole part, which a tube must hold."""
 ELEMENT = "element."
 """Prefix of places in the element that a part is chosen for."""
 
@@ -164,7 +166,7 @@ class _LensPart(_Round):
 
     gives: ClassVar[Gives] = {
         "main_lens.diameter": attrgetter("aperture"),
-        "main_lens.outer_diameter": attrgetter("diameter"),
+        f"main_lens.{EDGE}": attrgetter("diameter"),
         "main_lens.focal_length": attrgetter("focal_length"),
     }
 
@@ -321,6 +323,7 @@ class _WindowPart(_Round):
 
     gives: ClassVar[Gives] = {
         f"{ELEMENT}diameter": attrgetter("aperture"),
+        f"{ELEMENT}{EDGE}": attrgetter("diameter"),
         f"{ELEMENT}thickness": attrgetter("thickness"),
         f"{ELEMENT}material": attrgetter("material"),
     }
@@ -396,9 +399,9 @@ NAMED: Mapping[str, Kind] = {
 }
 """Table of a design to the kind of part that it may name."""
 WITHOUT: Mapping[Kind, Collection[str]] = {
-    "lenses": ("outer_diameter",),
+    "lenses": (EDGE,),
     "microlens_arrays": ("layout", "lens_shape"),
-    "windows": ("diameter",),
+    "windows": ("diameter", EDGE),
 }
 """Keys that a part gives its table, and that is whole without."""
 CLOSE = 0.7
@@ -435,7 +438,7 @@ def with_named_parts(place: str, value: Any, folder: str | Path | None) -> Any:
 
 
 def _filled(kind: Kind, table: Mapping[str, Any], folder: Path | None) -> Mapping[str, Any]:
-    """A table with what the part that it names gives; its own values win, and of a whole one are all that counts.
+    """A table with what the part that it names gives; its own values win; to a whole one it gives its edge alone.
 
     Parameters
     ----------
@@ -452,7 +455,8 @@ def _filled(kind: Kind, table: Mapping[str, Any], folder: Path | None) -> Mappin
         No such part, at `part`, and too few values of its own.
     """
     asked, own, whole = table["part"], {INSTEAD.get(key, key) for key in table}, _needed(kind)
-    if isinstance(asked, str) and own >= whole:
+    settled = isinstance(asked, str) and own >= whole
+    if settled and (EDGE in own or EDGE not in WITHOUT.get(kind, ())):
         return table
     try:
         entry = _named_part(kind, asked, folder)
@@ -460,7 +464,8 @@ def _filled(kind: Kind, table: Mapping[str, Any], folder: Path | None) -> Mappin
         if isinstance(asked, str) and own >= whole - {"diameter"}:
             return table
         raise
-    given = {key: value for key, value in entry.table.items() if INSTEAD.get(key, key) not in own}
+    left = {EDGE} if settled else {*entry.table}
+    given = {key: value for key, value in entry.table.items() if key in left and INSTEAD.get(key, key) not in own}
     return {**given, **table, "part": entry.part}
 
 

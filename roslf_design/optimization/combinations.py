@@ -16,7 +16,7 @@ from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
 from ..bore.main_lens import HIATUS, MainLensKind, main_lens_kind
 from ..catalogue.conditions import parse_condition, read_condition
-from ..catalogue.entries import KINDS, LENS_PRESCRIPTION, NAMED, Catalogue, Entry, Kind, Option, declared_by, rows
+from ..catalogue.entries import EDGE, KINDS, LENS_PRESCRIPTION, NAMED, Catalogue, Entry, Kind, Option, declared_by, rows
 from ..design import PATHS, Design
 from ..errors import InputError, Problem
 from ..lenses.glass import Glass
@@ -162,10 +162,13 @@ class Combinations:
         InputError
             A glass that is not known; none that the lens can be made of.
         """
-        if element is not None and problem.design.elements[element].diameter is None:  # any, for parts to replace
-            problem = replace(problem, design=problem.design.replace({f"elements.{element}.diameter": 1.0}))
-        if "lenses" in kinds and problem.design.main_lens.outer_diameter is None:  # likewise
-            problem = replace(problem, design=problem.design.replace({"main_lens.outer_diameter": 1.0}))
+        design, unknown = problem.design, dict[str, float]()  # any, for parts to replace
+        if element is not None:
+            keys = (key for key in ("diameter", EDGE) if getattr(design.elements[element], key, 0.0) is None)
+            unknown |= {f"elements.{element}.{key}": 1.0 for key in keys}
+        if "lenses" in kinds and design.main_lens.outer_diameter is None:
+            unknown[f"main_lens.{EDGE}"] = 1.0
+        problem = replace(problem, design=design.replace(unknown)) if unknown else problem
         given = given_by(kinds, element)
         left = {name: v for name, v in problem.variables.items() if PATHS.get(name, name) not in given}
         in_focus = problem.in_focus and "microlens_arrays" not in kinds

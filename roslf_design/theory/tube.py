@@ -12,7 +12,6 @@ from ..bore.fold import fold_of
 from ..bore.opening import ClearAperture
 from ..bore.part import Number
 from ..camera import Camera
-from ..catalogue.entries import named_window
 from ..design import PATHS
 from ..lenses.glass import ROOM
 from ..lenses.prescription import Prescription
@@ -76,9 +75,8 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
         for rim in c.stop_openings
     ]
     for at in c.in_bore:
-        window = named_window(getattr(at.element, "part", None))
-        glass = _widest(at.element.prescribed) if window is None else window.diameter
-        if glass or f"{at.at.place}.diameter" in numbers or _aside(c, at.end, 0.0) is not None:
+        glass = numbers.get(f"{at.at.place}.outer_diameter", _widest(at.element.prescribed))
+        if np.any(glass) or f"{at.at.place}.diameter" in numbers or _aside(c, at.end, 0.0) is not None:
             parts.append(part(at.name, at.at.place, at.at.get("diameter", glass), at.end, glass))
     array, d_2 = -numbers[PATHS["d_1"]] - c.hiatus, numbers[PATHS["d_2"]]
     edge = np.maximum(_widest(c.lens.prescribed), numbers.get("main_lens.outer_diameter", 0.0))

@@ -292,6 +292,22 @@ def test_a_bought_window_counts_to_its_outside(scope):
     assert "plate 1 of 8 mm is 0.6 mm too wide" in told.text
 
 
+def test_a_window_of_an_own_catalogue_counts_to_its_outside(scope, tmp_path):
+    own = 'part = "quote 7"\ndiameter = "8 mm"\nclear_aperture = "7 mm"\nthickness = "1 mm"\nmaterial = "sapphire"'
+    (tmp_path / "mine.toml").write_text(f'[[windows]]\n{own}\nprovenance = "quote"\nconfidence = "typical"\n')
+    tube = {"outer_diameter": 7.9, "wall": 0.25}
+    thin = scope.replace({"main_lens.diameter": 7.0, "sensor.size": (3.0, 4.0), "tube": tube, "elements": []})
+    part = 'part = {file = "mine.toml", name = "quote 7"}'
+    for drawn, wide in ((part, 8.0), (f'{part}\ndiameter = "6.8 mm"', 8.0), (f'{part}\nouter_diameter = "9 mm"', 9.0)):
+        (tmp_path / "camera.toml").write_text(
+            dumps(thin) + f'\n[[elements]]\nkind = "plate"\ndistance = "118 mm"\n{drawn}\n'
+        )
+        design = roslf.load(tmp_path / "camera.toml")
+        assert outer(design) == pytest.approx(wide + 2 * 0.25)
+        assert f"plate 1 of {wide:g} mm is {wide - 7.4:.2g} mm too wide" in fits(design).text
+        assert outer(roslf.loads(dumps(design))) == outer(design)
+
+
 def test_a_bought_lens_counts_to_its_edge(scope, tmp_path):
     """Of an own catalogue as of the one that ships; a lens made to a drawing has its diameter only."""
     own = 'part = "quote 118"\ndiameter = "8.4 mm"\nfocal_length = "20 mm"\nclear_aperture = "7 mm"'

@@ -368,7 +368,10 @@ def test_report_and_explorer_count_whole_and_cut_images_alike():
     # What is whole by Eq. 6, counted microlens by microlens, to a percentage point.
     x, y = (np.arange(-round(side / design.d / 2), round(side / design.d / 2) + 1) * design.d for side in (9.0, 7.5))
     at = np.meshgrid(x, y)
-    seen = [np.abs(place) <= side / 2 for place, side in zip(Camera.of(design).chief_point(*at), design.sensor_size)]
+    seen = [
+        np.abs(place) <= side / 2
+        for place, side in zip(Camera.of(design).chief_point(*at), design.sensor_size, strict=True)
+    ]
     whole = (np.hypot(*at) <= evaluate(design).non_distortion.x_ml_max_mm)[seen[0] & seen[1]].mean()
     assert abs(int(re.search(r"(\d+) % whole", shown.text)[1]) - 100 * whole) <= 1
 
