@@ -43,6 +43,11 @@ def test_focal_lengths_are_the_catalogues_within_their_tolerance():
         assert first_order(load_lens(name), 587.6e-6).focal_length == pytest.approx(FACTS[name][-1], rel=0.01)
 
 
+@pytest.mark.parametrize(("name", "maker"), [("030", 22.2), ("035", 27.3), ("040", 33.4), ("045", 40.2), ("050", 43.4)])
+def test_back_focus_of_common_achromats_is_the_makers(name, maker):
+    assert first_order(load_lens(f"AC254-{name}-A"), 587.6e-6).back_focal_length == pytest.approx(maker, rel=0.01)
+
+
 @given(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.floats(0.5, 20), st.floats(1.3, 2.0))
 def test_thick_singlet_is_the_lensmakers(front, rear, thickness, n):
     semi = 0.1
