@@ -32,6 +32,8 @@ COLUMNS, ROWS, ALIKE, DEEP = 11, 9, 0.01, 5.0
 near end above which distances are drawn logarithmically."""
 ON_CURVE = 33
 """Distances of a curve in the map's place."""
+NARROW = 95.0
+"""Field from which on words centred there would reach beyond the map [%]."""
 EMS = np.array([22.0, 9.0])
 """Numbers of lines that find room beside each other across the map, and above each other."""
 
@@ -122,9 +124,12 @@ def resolution_map(design: Design, at: Sequence[float] = (), tell: Share = UNHEA
         marks += _lines(x, y, share * 100, distances, values)
     else:
         blank = ~np.isfinite(values)
-        row = int(blank.sum(axis=1).argmax())
-        middle_of_blank = 100 * float(share[blank[row]].mean())
-        marks.append(Text(middle_of_blank, float(distances[row]), "dark", "ink", SMALL, "middle", halo=True))
+        darkest = np.flatnonzero(blank.sum(axis=1) == blank.sum(axis=1).max())
+        row = int(darkest[len(darkest) // 2])
+        at_most = 100 * float(share[blank[row]].mean())
+        side, dx = ("end", -6.0) if at_most > NARROW else ("middle", 0.0)  # its letters stay inside, off the ticks
+        dy = -8.0 if row == 0 else 14.0 if row == ROWS - 1 else 4.0
+        marks.append(Text(min(at_most, 100.0), float(distances[row]), "dark", "ink", SMALL, side, dx, dy, halo=True))
     panel = Panel(
         (0, 0, 1, 1), x, y, tuple(marks), "field, from the middle to the corner [%]", "ahead of the tip [mm]", grid=""
     )
