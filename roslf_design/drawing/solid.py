@@ -32,10 +32,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array
-from .marks import Area, Line, Mark, Text, joined, line_key, xy
+from .marks import Area, Line, Mark, Text, box_key, joined, line_key, xy
 from .panel import Panel, Scale
 from .picture import PAGE, Picture, legend_height
-from .theme import FIELDS, SMALL, THEMES, ThemeName, rgb, rows_of_names, text_width, theme_named
+from .theme import SMALL, THEMES, ThemeName, rgb, rows_of_names, text_width, theme_named
 
 if TYPE_CHECKING:
     from pyvista import PolyData
@@ -48,6 +48,8 @@ YAW, PITCH = math.radians(24), math.radians(16)
 """The view: turned from the side towards the object, and raised."""
 AROUND = 72
 """Corners of what is round."""
+EDGE_ON = 0.5
+"""Width of a plate seen from its edge, below which it is drawn as a line [px]."""
 LINE_WIDTH = 0.32
 """Widths of lines in a drawing against those of a view."""
 DIGITS = 6
@@ -91,6 +93,8 @@ class Body(NamedTuple):
     opacity: float = 1.0
     width: float = 1.0
     """Width of lines [px]."""
+    label: str = ""
+    """Name of its colour in a legend; empty where it has none."""
 
 
 class Name(NamedTuple):
@@ -98,7 +102,9 @@ class Name(NamedTuple):
 
     text: str
     at: Point3
-    """In the scene [mm]; on the axis for a remark at the view's foot."""
+    """In the scene [mm]."""
+    foot: bool = False
+    """Whether it is a remark at the view's foot."""
 
 
 class _View(NamedTuple):
@@ -136,12 +142,16 @@ class Instrument(NamedTuple):
     """From the left to the right, as the elements stand."""
 
 
-def view_of(corners: Array) -> _View:
-    """A parallel view that holds all corners."""
+def slanted() -> Array:
+    """Axes of a view turned from the side towards the object, and raised, as `_View` has them."""
     toward = np.array([-math.cos(PITCH) * math.cos(YAW), math.sin(PITCH), -math.cos(PITCH) * math.sin(YAW)])
     right = np.cross([0.0, 1.0, 0.0], toward)
     right /= np.linalg.norm(right)
-    axes = np.stack([right, np.cross(toward, right), toward])
+    return np.stack([right, np.cross(toward, right), toward])
+
+
+def view_of(corners: Array, axes: Array) -> _View:
+    """A parallel view along given axes that holds all corners."""
     turned_corners = corners @ axes.T
     low, high = turned_corners.min(axis=0), turned_corners.max(axis=0)
     size = high - low
@@ -178,9 +188,17 @@ def outlines(scene: Instrument, width: float = PAGE) -> Picture:
             loops = [flat[:AROUND], flat[AROUND:][::-1]] if part.kind == "ring" else [outline(flat)]
         x, y = xy(joined(loops))
         line = Line(x, y, part.colour, LINE_WIDTH * part.width * width / 576)
+        along = np.linalg.svd(flat - flat.mean(axis=0), full_matrices=False)[2]
+        if part.kind in ("plate", "ring") and np.ptp(flat @ along[1]) < EDGE_ON:
+            # A ring's inner rim is left open.
+            ends = [loop[np.argsort(loop @ along[0])[[0, -1]]] for loop in loops]
+            pieces = [*zip(*ends, strict=True)] if part.kind == "ring" else ends
+            line = Line(*xy(joined([np.array(piece) for piece in pieces])), part.colour, 2.4)
+            drawn.append((float(near.mean()), line))
+            continue
         drawn.append((float(near.mean()), line if part.kind == "lines" else Area(x, y, part.colour, part.opacity)))
     marks = [mark for _, mark in sorted(drawn, key=lambda one: one[0])]
-    above = [name for name in scene.names if name.at[1] > 0]
+    above = [name for name in scene.names if not name.foot]
     tops, _ = projected([name.at for name in above])
     widths = [text_width(name.text, SMALL) for name in above]
     places = [min(max(x, w / 2 + 2), width - w / 2 - 2) for x, w in zip(tops[:, 0].tolist(), widths, strict=True)]
@@ -190,9 +208,14 @@ def outlines(scene: Instrument, width: float = PAGE) -> Picture:
         marks.append(Text(place, level, name.text, anchor="middle", dy=-3, halo=True))
     # Names in several rows may stand above the view.
     head = max([0.0, *(level + 14 - height for level in levels)])
-    marks += [Text(4.0, 6.0, name.text, "grey") for name in scene.names if name not in above]
-    hues = zip(("centre", "edge", "corner", "blocked"), (*FIELDS, "vermillion"), strict=True)
-    keys = [line_key(label, hue, 2.0) for label, hue in hues if any(part.colour == hue for part in scene.parts)]
+    marks += [Text(4.0, 6.0, name.text, "grey") for name in scene.names if name.foot]
+    named = {part.label: part for part in reversed(scene.parts) if part.label}
+    keys = [
+        line_key(label, part.colour, 2.0)
+        if part.kind == "lines"
+        else box_key(label, part.colour, min(2 * part.opacity, 1.0))  # small, it has to be strong to be told apart
+        for label, part in reversed(named.items())
+    ]
     panel = Panel((0.0, head, width, height), Scale(0, width), Scale(0, height), tuple(marks), bare=True)
     size = (width, head + height + legend_height(keys, width - 24) + 6)
     key_box = (14.0, head + height + 3, width - 24)
@@ -237,6 +260,8 @@ class BrowserMesh(NamedTuple):
     opacity: float
     width: float
     """Width of lines [px]."""
+    label: str = ""
+    """Name of its colour in a legend; empty where it has none, or is not drawn."""
 
 
 class BrowserScene(NamedTuple):
@@ -264,7 +289,7 @@ def browser_scene(scene: Instrument, theme: ThemeName, names: Iterable[str]) -> 
         reach = float(np.max(np.abs(part.points), initial=1e-9))
         points = np.round(part.points, DIGITS - 1 - int(np.floor(np.log10(reach)))).ravel().tolist()
         lines, polys = (part.cells.tolist(), []) if part.kind == "lines" else ([], part.cells.tolist())
-        meshes[part.name] = BrowserMesh(points, lines, polys, unit(part.colour), part.opacity, part.width)
+        meshes[part.name] = BrowserMesh(points, lines, polys, unit(part.colour), part.opacity, part.width, part.label)
     for name in names:
         meshes.setdefault(name, BrowserMesh([], [], [], unit("vermillion"), 1.0, 2.0))
     view = scene.view
@@ -317,7 +342,7 @@ def scene_data(scene: Instrument) -> str:
         "up": first["viewUp"],
         "scale": scene.view.scale,
     }
-    names = [{"text": name.text, "at": name.at} for name in scene.names if name.at[1] > 0]
+    names = [{"text": name.text, "at": name.at} for name in scene.names if not name.foot]
     text = json.dumps({"data": packed(scene.parts, scene.view), "camera": camera, "names": names})
     return text.replace("<", "\\u003c")  # no end tag inside the page's script element
 

@@ -547,9 +547,10 @@ WHOLE: dict[str, dict[str, Any]] = {
     "instrument": {"whole": False},
     "tip": {"close": "tip"},
     "sensor": {"close": "sensor"},
+    "folded": {},
 }
 """Extents of the meridional section, as `meridional` takes them: what suits, from the object plane on, from the
-outermost stop on, or close to one end."""
+outermost stop on, or close to one end; or, of a folded axis, all of it as it is built, to scale."""
 
 PLACES = ("centre", "edge", "corner")
 """Microlenses with a name: of what the sensor sees."""

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..bore.mapping import NAMES
+from ..camera import Camera
 from ..design import Design
 from ..drawing.marks import Point
 from ..drawing.picture import Picture
@@ -30,6 +31,7 @@ from ..reporting.design.curves import depth_over_field, depth_precision, field_c
 from ..reporting.design.effects import effects_budget
 from ..reporting.design.field import mla_map
 from ..reporting.design.figures import at_room
+from ..reporting.design.instrument import folded_section
 from ..reporting.design.microlens import microlens_image, nearest_microlens
 from ..reporting.design.rays import meridional
 from ..reporting.optimise.pictures import change_bars, ends_differ, goal_front, search_history
@@ -81,6 +83,8 @@ COOLER = (
 )
 """Remedies of depth that temperature spoils, all of [environment]."""
 
+FOLDED = 2.4
+"""Width of a folded section, in heights of the room for it."""
 LEAST, MOST = 160, 3000
 """Sizes that a picture is made in [px]."""
 
@@ -150,6 +154,13 @@ def front(run: OptimiseResult, size: Point = (420, 300)) -> Picture:
     return goal_front(points, labels, title=title, size=size, also=(run.after,))
 
 
+def _section(design: Design, whole: str, size: Size) -> Picture:
+    """Section in the extent that is asked for; folded where it is asked for so and the axis is."""
+    if whole == "folded" and Camera.of(design).chain.folds:
+        return folded_section(design, min(size[0], max(FOLDED * size[1], LEAST)))
+    return meridional(design, size, **WHOLE[whole])
+
+
 class _Drawing(NamedTuple):
     """Drawing of the page."""
 
@@ -194,7 +205,7 @@ def _of(
 DRAWINGS = {
     "meridional": _Drawing(
         "camera", "Rays in the meridional section", (1040, 240), lambda s: (s.design, s.look.whole),
-        lambda design, whole, size: meridional(design, size, **WHOLE[whole]),
+        lambda design, whole, size: _section(design, whole, size),
     ),
     "microlens": _Drawing(
         "camera", "Image of a microlens", (340, 330),
@@ -273,6 +284,7 @@ def header(history: History) -> dict[str, Any]:
         "message": history.present.message,
         "can_undo": bool(history.past),
         "can_redo": bool(history.future),
+        "folds": bool(Camera.of(design).chain.folds),
         "lens_name": design.main_lens.kind.name,
     }
 

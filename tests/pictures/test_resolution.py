@@ -45,7 +45,7 @@ def test_the_map_is_in_units_and_falls_with_distance():
 
 def test_dark_fields_are_named_and_nothing_is_drawn_for_them():
     assert "corner: dark" in mtf_curves(DARK).svg()
-    panel = resolution_map(DARK).panels[0]
+    panel = resolution_map(DARK).panels[0]  # clear of the ticks beside it
     (word,) = [mark for mark in panel.marks if isinstance(mark, Text)]
     (x, y), (left, top, width, tall) = (
         panel.at(word.x, word.y),

@@ -15,8 +15,9 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
+from roslf_design.drawing.marks import Area, Line
 from roslf_design.drawing.solid import AROUND, changed, library, outline, outlines, packed, scene_data
-from roslf_design.reporting.design.instrument import RAYS, instrument_scene, scene, turned
+from roslf_design.reporting.design.instrument import RAYS, folded_section, instrument_scene, scene, turned
 from tests.pictures import designs
 
 PAPER = roslf.load("paper")
@@ -257,6 +258,43 @@ def test_a_right_angle_prism_is_drawn_as_its_two_legs_and_folds_what_stands_befo
     assert parts["plate 2"].points[:, 2].mean() == pytest.approx(-35.0)
     ends = [parts["rays centre"].points[cell[0]] for cell in cells(parts["rays centre"].cells)]
     assert min(point @ aside for point in ends) > 22.0  # light comes from aside
+
+
+@pytest.mark.parametrize("degrees", [30.0, 70.0, 110.0])
+def test_a_folded_section_shows_the_true_angle(degrees):
+    """By hand: light turns 35 mm before the lens, in the middle of the prism; the window's middle is 41 mm beyond."""
+    prism = SIDE | {"deviation": math.radians(degrees), "azimuth": 0.7, "reflections": 1}
+    window = {"kind": "plate", "distance": 75.0, "thickness": 2.0, "material": "N-BK7", "diameter": 30.0}
+    design = PAPER.replace({"elements": [prism, window]})
+    seen = instrument_scene(design, side=True)
+    at = {part.name: part.points @ seen.view.axes.T for part in seen.parts}
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    np.testing.assert_allclose(at["plate 2"].mean(axis=0), (-35 - 41 * c, 41 * s, 0.0), atol=1e-9)
+    assert np.ptp(at["sensor"][:, 0]) == pytest.approx(0.0, abs=1e-9)  # straight from the side
+    picture = folded_section(design, 700.0)
+    assert f"looks {degrees:g}° from straight ahead" in picture.title
+    (panel,) = picture.panels
+    assert panel.per_px[0] == pytest.approx(panel.per_px[1])
+    assert all(-1e-6 <= x <= 700 + 1e-6 for mark in picture.marks if isinstance(mark, Area) for x in mark.x)
+    # The FAP is seen from its edge, and left open: two lines with its diameter between them.
+    edges = [mark for mark in picture.marks if isinstance(mark, Line) and (mark.width, mark.colour) == (2.4, "ink")]
+    both = (np.column_stack([mark.x, mark.y])[np.isfinite(mark.x)] for mark in edges)  # the sensor, too
+    (corners,) = (each for each in both if len(each) == 4)
+    mm = 0.5 * seen.view.window[1] / seen.view.scale * 700 / seen.view.window[0]
+    gaps = [np.hypot(*(one - other)) for one in corners[:2] for other in corners[2:]]
+    assert min(gaps) == pytest.approx(design.D_F * mm, rel=1 - math.cos(math.pi / AROUND))  # of a polygon
+
+
+def test_every_colour_of_the_scene_is_named_once():
+    design = roslf.load("arthroscope")
+    meshes = scene(design).meshes
+    named = {mesh.label: mesh.colour for mesh in meshes.values() if mesh.label}
+    parts = {"FAP", "main lens", "microlenses", "sensor", "tube", "liquid"}
+    assert parts | {"centre", "edge", "corner"} < set(named)
+    colours = [named[label] for label in parts] + [meshes["prism 1"].colour]
+    assert len(set(colours)) == len(colours) - 1  # the sensor is as dark as the FAP
+    drawn = {key.text: key for key in outlines(instrument_scene(design)).keys}
+    assert set(drawn) == set(named)
 
 
 def test_a_prism_that_bends_the_axis_keeps_rays_and_tube_whole():

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...camera import Camera
-from ...drawing.picture import PAGE, beside
+from ...drawing.picture import PAGE, Picture, beside
 from ...drawing.solid import NoViewerError, library, outlines, scene_data
 from ...evaluation import default_fields
 from ...evaluation.result import depth_basis
@@ -21,7 +21,7 @@ from ..lens_words import lens_words
 from .curves import DRAWN, KnownLengths, counted_lengths, depth_precision, matching_plane
 from .effects import effects_budget
 from .field import field_map, field_maps, lens_images, lens_over_field
-from .instrument import instrument_scene
+from .instrument import folded_section, instrument_scene
 from .microlens import microlens_image, microlens_images, rays_and_waves
 from .rays import cells, dimensions, is_centred, meridional, ray_diagrams, ray_words, scale_words, unfolded_words
 
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from ...evaluation.groups import RealLens
     from ...evaluation.result import Evaluation
 
+FOLDED = 0.72
+"""Width of the small folded drawing, in pages."""
 PLACES = ("centre", "edge", "corner")
 """The fields that a report looks at."""
 
@@ -46,8 +48,16 @@ def glance(design: Design, views: bool, known: KnownLengths = DRAWN) -> Figure:
         parts.append(depth_precision(design, (PAGE - 270.0, low), known))
         words += ", and depth, expected, over the working range and the distances required, with its bound"
     below = beside("glance-below", "", parts)
-    picture = beside("glance", f"{design.name} at a glance", (system, below), down=True)
+    rows = [system, *_folded(design), below]
+    if len(rows) > 2:
+        words += "; between them, folded and to scale, the camera as it is built"
+    picture = beside("glance", f"{design.name} at a glance", rows, down=True)
     return replace(Figure.of("glance", "At a glance", f"{words}.", picture), breaks=0.0)
+
+
+def _folded(design: Design) -> list[Picture]:
+    """Small drawing of a camera whose axis is folded, as it is built; none of others."""
+    return [folded_section(design, FOLDED * PAGE)] if Camera.of(design).chain.folds else []
 
 
 def _ray_sheet(design: Design, result: Evaluation) -> Figure:
@@ -268,7 +278,11 @@ def dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
         f"and further stops count from the main lens towards the object, d_1 from it to the microlens array.{holds}"
         + "".join(f" It is {words}." for words in unfolded_words(drawn))
     )
-    return Figure.of("dimensions", "Dimensions", caption, dimensions(drawn))
+    picture = dimensions(drawn)
+    if small := _folded(drawn):
+        caption += " Below, folded and to scale: as it is built."
+        picture = beside("dimensions", picture.title, (picture, *small), down=True)
+    return Figure.of("dimensions", "Dimensions", caption, picture)
 
 
 def at_room(design: Design) -> tuple[Design, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,24 +16,52 @@ from ...bore.fold import Fold, folded, folded_line
 from ...camera import Camera
 from ...camera.frames import Frame, frame
 from ...design import Design
-from ...drawing.solid import AROUND, Body, BrowserScene, Instrument, Name, bands, browser_scene, outline, view_of
-from ...drawing.theme import FIELDS, ThemeName, stop_colour
+from ...drawing.marks import Text
+from ...drawing.picture import Picture
+from ...drawing.solid import (
+    AROUND,
+    Body,
+    BrowserScene,
+    Instrument,
+    Name,
+    bands,
+    browser_scene,
+    outline,
+    outlines,
+    slanted,
+    view_of,
+)
+from ...drawing.theme import FIELDS, ThemeName, short, stop_colour
 from ...evaluation import default_fields
 from ...lenses.glass import AIR
 from ...rays import PASSED, paths, trace_pupil
-from .rays import name_of_drawn, reaches
+from ...theory.quantities import QUANTITIES
+from .rays import LENS, MEDIUM, MICROLENSES, name_of_drawn, reaches
 
+GLASS_KEY = "other glass"
+"""Name of glass before and behind the main lens, in a legend."""
+ALONG = 1e-9
+"""Sine of the turn of a view up to which it stays along the axis."""
 RINGS = 24
 """Parallels of an ellipsoid from pole to pole."""
 RAYS = ("rays centre", "rays edge", "rays corner", "rays blocked")
 """Parts that may be without rays."""
 
 
-def instrument_scene(design: Design, fold: bool = True) -> Instrument:
+def folded_section(design: Design, width: float) -> Picture:
+    """Drawing of the instrument from the side, to scale, its axis folded by its true angles; real lenses thin."""
+    picture = outlines(instrument_scene(design.thin_twin, side=True), width)
+    aside = short(float(QUANTITIES["direction_of_view_deg"](Camera.of(design))), 3)
+    title = f"folded, to scale: it looks {aside}° from straight ahead"
+    return replace(picture, name="folded", title=title, remarks=(Text(14.0, 14.0, title, bold=True),))
+
+
+def instrument_scene(design: Design, fold: bool = True, side: bool = False) -> Instrument:
     """The instrument from in front of the outermost stop to the sensor; the object plane lies beyond the left edge.
 
     With `fold` it is drawn as mirrors and prisms fold it, else along the unfolded axis. A prism turns light in the
-    middle of its way: at a mirror there, or, of an even number of reflections, as if the axis bent.
+    middle of its way: at a mirror there, or, of an even number of reflections, as if the axis bent. From the `side` one
+    looks along the plane's normal in which the first of them turns the view.
     """
     design = design.with_own_stop
     end = design.d_1 + design.d_2
@@ -53,15 +82,25 @@ def instrument_scene(design: Design, fold: bool = True) -> Instrument:
     tops += [(name_of_drawn(at, fold), -(at.near + at.far) / 2, wall) for at in design.in_bore]
     tops += [("main lens", 0.0, wall), ("MLA and sensor", end, wall)]
     tops.append((f"light comes from the object plane, {design.d_f:.4g} mm in front of the lens", start, 0.0))
-    named = [(text, folded(folds, np.array([[0.0, y, z]]))[0]) for text, z, y in sorted(tops, key=lambda top: top[1])]
+    up = -folds[0].turn[:, 2] * [1.0, 1.0, 0.0] if side and folds else np.zeros(3)  # where what is ahead goes
+    up = up / np.hypot(*up[:2]) if np.hypot(*up[:2]) > ALONG else np.array([0.0, 1.0, 0.0])
+    ahead = np.array([0.0, 0.0, 1.0])
+    axes = np.array([ahead, up, np.cross(ahead, up)]) if side else slanted()
+    named = [
+        Name(text, tuple(folded(folds, (y * up + z * ahead)[None])[0].tolist()), not y)
+        for text, z, y in sorted(tops, key=lambda top: top[1])
+    ]
     parts = [*_elements(design, camera, wall), *_glass(design, camera, wall, fold)]
     if not in_air:
-        parts.append(Body("medium", "round", before, bands(2), "sky", 0.12))
+        parts.append(Body("medium", "round", before, bands(2), *MEDIUM, label="liquid"))
     drawn = [part._replace(points=folded(folds, part.points)) for part in parts]
     tube = _tube(folds, wall, -front, end)
-    lines = [_lines(name, [folded_line(folds, course) for course in courses], *look) for name, courses, look in rays]
-    view = view_of(np.concatenate([*(part.points for part in tube), folded(folds, before)]))
-    return Instrument((*lines, *drawn, *tube), view, tuple(Name(text, tuple(at.tolist())) for text, at in named))
+    lines = [
+        _lines(name, [folded_line(folds, course) for course in courses], *look, name.removeprefix("rays "))
+        for name, courses, look in rays
+    ]
+    view = view_of(np.concatenate([*(part.points for part in tube), folded(folds, before)]), axes)
+    return Instrument((*lines, *drawn, *tube), view, tuple(named))
 
 
 def _tube(folds: Sequence[Fold], wall: float, front: float, end: float) -> list[Body]:
@@ -78,7 +117,7 @@ def _tube(folds: Sequence[Fold], wall: float, front: float, end: float) -> list[
         points = np.append(farther, nearer, axis=0)
         for fold in reversed(folds[:k]):
             points = fold.turned(points)
-        tubes.append(Body("tube" if k == 0 else f"tube {k + 1}", "round", points, bands(2), "grey", 0.10))
+        tubes.append(Body("tube" if k == 0 else f"tube {k + 1}", "round", points, bands(2), "grey", 0.10, label="tube"))
     ends = [folded(folds, _circle(wall, z)) for z in (front, end)]
     return [*tubes, _lines("tube ends", ends, "grey", 1.5)]
 
@@ -96,7 +135,8 @@ def _glass(design: Design, camera: Camera, wall: float, fold: bool) -> list[Body
             (left, right) = (face[len(face) // 2 :] for face in faces)
             rim = np.append(left, right[::-1], axis=0) + np.array([element.distance, 0.0])
             name = called + (f" piece {piece + 1}" if piece else "")
-            parts.append(Body(name, "round", turned(rim[:, ::-1], frame=pose), bands(len(rim)), "sky", 0.35))
+            shape = turned(rim[:, ::-1], frame=pose)
+            parts.append(Body(name, "round", shape, bands(len(rim)), "sky", 0.35, label=GLASS_KEY))
         parts.append(_lines(f"{called} rim", [_circle(radius, 0.0, pose)], "sky", 2.0))
     sizes = {"microlens_array": design.microlens_array.size, "sensor": design.sensor_size}
     for plate in design.plates:
@@ -121,9 +161,9 @@ def _prism(name: str, element: AnyElement, radius: float, pose: Frame) -> list[B
         flat = np.concatenate([np.insert(face, 1, y, axis=1) for y in (-radius, radius)])
         points = (flat - [0.0, 0.0, half]) @ axes @ np.array([pose.x, pose.y, pose.z]) + np.asarray(pose.origin)
         sides = [[4, k, (k + 1) % count, count + (k + 1) % count, count + k] for k in range(count)]
-        cells = [[count, *range(count)], [count, *range(count, 2 * count)], *sides]
+        cells = [np.array(cell) for cell in ([count, *range(count)], [count, *range(count, 2 * count)], *sides)]
         called = name if side > 0 else f"{name}, beyond its fold"
-        halves.append(Body(called, "plate", points, np.concatenate([np.array(cell) for cell in cells]), "sky", 0.25))
+        halves.append(Body(called, "plate", points, np.concatenate(cells), "sky", 0.25, label=GLASS_KEY))
     return halves
 
 
@@ -143,7 +183,7 @@ def _elements(design: Design, camera: Camera, wall: float) -> list[Body]:
         edge = np.stack(outline.rim(np.cos(TURN), np.sin(TURN)), -1)
         wide = wall * np.stack([np.cos(TURN), np.sin(TURN)], -1)
         plate = _placed(np.concatenate([edge, wide]), pose)
-        parts.append(Body(f"{stop.name} plate", "ring", plate, bands(2), colour, 0.38))
+        parts.append(Body(f"{stop.name} plate", "ring", plate, bands(2), colour, 0.38, label=stop.name))
         rim = outline.outline(math.pi / 48)
         parts.append(_lines(f"{stop.name} rim", [_placed(np.append(rim, rim[:1], axis=0), pose)], colour, 4.0))
     angle = np.linspace(math.pi, 0.0, RINGS + 1)
@@ -151,11 +191,11 @@ def _elements(design: Design, camera: Camera, wall: float) -> list[Body]:
     mount = turned([(radius, 0.0), (wall, 0.0)], frame=lens)
     return [
         *parts,
-        Body("lens", "round", glass + np.asarray(lens.origin), bands(RINGS + 1), "sky", 0.35),
+        Body("lens", "round", glass + np.asarray(lens.origin), bands(RINGS + 1), LENS[0], 0.35, label="main lens"),
         _lines("lens rim", [_circle(radius, 0.0, lens)], "blue", 3.0),
         Body("lens mount", "ring", mount, bands(2), "blue", 0.16),
-        _plate("MLA", array, design.microlens_array.size, "sky", 0.55),
-        _plate("sensor", sensor, design.sensor_size, "ink", 0.9),
+        _plate("MLA", array, design.microlens_array.size, MICROLENSES, 0.55, "microlenses"),
+        _plate("sensor", sensor, design.sensor_size, "ink", 0.9, "sensor"),
     ]
 
 
@@ -201,10 +241,10 @@ def _circle(radius: float, height: float, frame: Frame = HOME) -> Array:
     return turned([(radius, height)], np.linspace(0, 2 * math.pi, 97), frame)
 
 
-def _plate(name: str, frame: Frame, size: tuple[float, float], colour: str, opacity: float) -> Body:
+def _plate(name: str, frame: Frame, size: tuple[float, float], colour: str, opacity: float, label: str) -> Body:
     corners = 0.5 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * size
     points = corners @ np.array([frame.x, frame.y]) + np.asarray(frame.origin)
-    return Body(name, "plate", points, np.array([4, 0, 1, 2, 3]), colour, opacity)
+    return Body(name, "plate", points, np.array([4, 0, 1, 2, 3]), colour, opacity, label=label)
 
 
 def _slab(name: str, frame: Frame, size: tuple[float, float], ends: tuple[float, float]) -> Body:
@@ -213,15 +253,15 @@ def _slab(name: str, frame: Frame, size: tuple[float, float], ends: tuple[float,
     corners = np.concatenate([np.column_stack([flat, np.full(4, z)]) for z in ends])
     points = corners @ np.array([frame.x, frame.y, frame.z]) + np.asarray(frame.origin)
     sides = [(0, 1, 2, 3), (4, 5, 6, 7), *((k, (k + 1) % 4, 4 + (k + 1) % 4, 4 + k) for k in range(4))]
-    return Body(name, "plate", points, np.array([[4, *side] for side in sides]).ravel(), "sky", 0.3)
+    return Body(name, "plate", points, np.array([[4, *side] for side in sides]).ravel(), "sky", 0.3, label=GLASS_KEY)
 
 
-def _lines(name: str, lines: Sequence[Array], colour: str, width: float) -> Body:
+def _lines(name: str, lines: Sequence[Array], colour: str, width: float, label: str = "") -> Body:
     starts = itertools.accumulate(map(len, lines), initial=0)
     cells = [
         np.array([len(line), *range(start, start + len(line))]) for line, start in zip(lines, starts, strict=False)
     ]
-    return Body(name, "lines", np.concatenate(lines), np.concatenate(cells), colour, width=width)
+    return Body(name, "lines", np.concatenate(lines), np.concatenate(cells), colour, width=width, label=label)
 
 
 def scene(design: Design, theme: ThemeName = "light") -> BrowserScene:

@@ -485,7 +485,7 @@ def _elements(design: Design, section: _SectionLayout) -> list[Mark]:
     bulge = _thick(radius, section) / 2
     t = np.linspace(-1, 1, 25)
     z, x = bulge * (1 - t**2), middle + radius * t
-    marks.append(Area([*z, *-z[::-1]], [*x, *x[::-1]], "blue", 0.22, "blue", 1.2))
+    marks.append(Area([*z, *-z[::-1]], [*x, *x[::-1]], *LENS, "blue", 1.2))
     marks += [
         Line([0.0, 0.0], [middle + sign * radius, tube.rim(middle + sign * radius, 5 * up)], "blue", 3.2)
         for sign in (-1, 1)
@@ -496,7 +496,7 @@ def _elements(design: Design, section: _SectionLayout) -> list[Mark]:
     heights = [math.hypot(*box) if centred else box[0] for box in (mla.size, design.sensor_size)]
     # Each is drawn on the outer side of its plane, so that d_2 between them stays true.
     for z_at, centre, height, colour, shift in (
-        (design.d_1, mla.decentre[0], heights[0], "sky", -1.5),
+        (design.d_1, mla.decentre[0], heights[0], MICROLENSES, -1.5),
         (end, design.sensor.decentre[0], heights[1], "ink", 1.5),
     ):
         marks.append(Line([z_at + shift * mm] * 2, [centre - height / 2, centre + height / 2], colour, 3))
@@ -505,8 +505,9 @@ def _elements(design: Design, section: _SectionLayout) -> list[Mark]:
     return marks
 
 
-GLASS, MEDIUM = ("sky", 0.3), ("sky", 0.13)
-"""Fillings of glass, and of what the scene lies in."""
+GLASS, MEDIUM, LENS = ("sky", 0.3), ("green", 0.16), ("blue", 0.22)
+"""Fillings of glass, of what the scene lies in, and of the main lens."""
+MICROLENSES = "orange"
 TUBE, GUIDE, LIMIT = ("grey", 0.55), ("orange", 0.35), ("vermillion", 1.2, "8 3 2 3")
 """Fillings of a tube's wall and of a ring of light fibres within it; line of an outer diameter that is required."""
 OUTER = "outer_diameter_mm"
