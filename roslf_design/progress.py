@@ -14,6 +14,10 @@ class CountedProgress(Protocol):
         """Tell what is done, and how much of `total`; 0 where nothing is counted."""
 
 
+class EnoughError(Exception):
+    """Raised by who is told, for whom what there is so far is enough."""
+
+
 def silent(what: str, done: float = 0.0, total: float = 0.0) -> None:
     """Progress that nobody looks at."""
 

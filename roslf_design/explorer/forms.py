@@ -164,7 +164,7 @@ def forms(state: State) -> dict[str, Any]:
         "variables": [_offered(s, state) for s in VARIABLES if s not in lens.own],
         "required": to_html("; ".join(map(_asked_words, design.required))),
         "held": [{"key": key, "label": held.label} for key, held in HELD.items()],
-        "search_time": lens.search_time,
+        "searches": lens.searches,
         "of": state.reference.name,
     }
 

@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import accumulate
 from multiprocessing.connection import Connection
@@ -17,7 +18,7 @@ from typing import Any, Generic, TypeVar
 
 from .._arrays import by_value
 from ..errors import FAULTS, InputError
-from ..progress import CountedProgress
+from ..progress import CountedProgress, EnoughError
 from ..tolerancing.run import end_with_parent
 from ..words import about_time, percent
 
@@ -114,7 +115,7 @@ class ProcessJob(Generic[Result]):
     def __init__(self, work: Callable[[Any, Tell], Result], request: Any) -> None:
         # Not fork: the program holds threads (the web server's, kernels') that a forked child would inherit half-alive.
         context = multiprocessing.get_context("spawn")
-        self._receiver, sender = context.Pipe(duplex=False)
+        self._receiver, sender = context.Pipe()
         self._process = context.Process(target=_run, args=(sender, work, request), daemon=True)
         self._began = time.monotonic()
         self._state: Progress | Done[Result] | Failure = Progress(None, "starting", 0.0)
@@ -143,6 +144,12 @@ class ProcessJob(Generic[Result]):
         self._state = Progress(share, text, time.monotonic() - self._began, told, first)
         return self._state
 
+    def stop(self) -> None:
+        """Tell the run, once it next says how far it is, that what it has found so far is enough."""
+        if isinstance(self._state, Progress):
+            with suppress(OSError):
+                self._receiver.send("enough")
+
     def cancel(self) -> None:
         """End the run; may be called at any time, and returns at once."""
         if isinstance(self._state, Progress):
@@ -170,11 +177,19 @@ def _run(sender: Connection, work: Callable[[Any, Tell], Any], request: Any) -> 
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     end_with_parent()
 
+    enough = False
+
     def tell(share: float | None, text: str) -> None:
+        nonlocal enough
         sender.send(("progress", (share, text, time.monotonic())))
+        enough = enough or sender.poll()
+        if enough:
+            raise EnoughError
 
     try:
         message = ("done", work(request, tell))
+    except EnoughError:
+        message = ("failed", "stopped before anything was found")
     except InputError as error:
         message = ("failed", str(error))
     except (*FAULTS, OSError) as error:

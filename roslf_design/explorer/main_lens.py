@@ -27,7 +27,8 @@ class _IdealLens:
     """Builds of a tolerance run that the form offers."""
     twin: ClassVar[str] = ""
     """Ending of names of files with pictures of its thin-lens model."""
-    search_time: ClassVar[str] = "some seconds to half a minute; some minutes where [required] asks for depth or detail"
+    searches: ClassVar[str] = "eight searches and a check"
+    """Work of a search for a better design."""
     own: ClassVar[tuple[str, ...]] = ()
     """Symbols of numbers that are the lens's own, which no search varies."""
 
@@ -52,9 +53,9 @@ class _RealLens(_IdealLens):
     trials = 1024
     twin = "-thin-lens"
 
-    search_time = (
-        "half a minute to several, as rays tell of each design tried what belongs to a field (the first on a machine a "
-        "minute longer)"
+    searches = (
+        "eight searches and a check, in which rays tell of each design tried what belongs to a field (the first on a "
+        "machine compiles for a minute)"
     )
     own = ("D", "f")
 

@@ -51,10 +51,14 @@ class OptimiseResult:
     """The other goal."""
     front: tuple[tuple[float, float], ...]
     """Goal and what it is against, of designs of which none is better in both."""
+    stopped: bool = False
+    """Whether somebody had enough before the searches' own end."""
 
     def page(self) -> dict[str, Any]:
         """Values for the page."""
         headline = "Nothing within the bounds holds all that was asked"
+        if self.stopped:
+            headline = "Stopped before a design was found that holds all that was asked"
         if self.design is not None:
             after = f"{short(self.after, 4)} {self.goal.unit}".strip()
             headline = f"{to_html(self.goal.words)}: {short(self.before, 4)} → {after}"
@@ -105,6 +109,7 @@ def run_optimise(request: OptimiseRequest, tell: Tell = lambda share, text: None
         sentences=tuple(statements(result)),
         ends=ends_of(answer),
         against=GOALS[request.against] if request.against not in ("", request.goal) else None,
+        stopped=answer.ended == "stopped",
         front=_front(result),
     )
 

@@ -96,7 +96,7 @@ class Session:
     requests = (
         *("opened", "restore", "slide", "write", "choose", "follow", "undo", "redo", "load_text", "load_path", "fix"),
         *("dismiss", "show", "look", "point", "let_go", "nudge", "resize", "set_theme", "space_again", "start_run"),
-        *("cancel_run", "take_optimum"),
+        *("cancel_run", "stop_run", "take_optimum"),
     )
     """Methods that the page may call, through `ask`."""
 
@@ -387,6 +387,11 @@ class Session:
         """End a run."""
         if kind in self._runs:
             self._runs[kind].job.cancel()
+
+    def stop_run(self, kind: Kind) -> None:
+        """End a run with what is best so far."""
+        if kind in self._runs:
+            self._runs[kind].job.stop()
 
     def take_optimum(self) -> None:
         """Go on with the design that was found."""

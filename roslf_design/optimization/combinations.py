@@ -164,7 +164,8 @@ class Combinations:
         """
         design, unknown = problem.design, dict[str, float]()  # any, for parts to replace
         if element is not None:
-            keys = (key for key in ("diameter", EDGE) if getattr(design.elements[element], key, 0.0) is None)
+            window = design.elements[element]
+            keys = (key for key in ("diameter", EDGE) if getattr(window, key, 0.0) is None)
             unknown |= {f"elements.{element}.{key}": 1.0 for key in keys}
         if "lenses" in kinds and design.main_lens.outer_diameter is None:
             unknown[f"main_lens.{EDGE}"] = 1.0

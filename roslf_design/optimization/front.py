@@ -108,7 +108,7 @@ def pareto_front(
         return [posed.number(goal, unit) for goal in posed.goals]
 
     for number, goal in enumerate(goals):
-        tell("front: ends", number, len(goals))
+        budget.heard(tell, "front: ends", number, len(goals))
         end = best_of(goal, (), [*known, *sobol_units(problem.n, FRESH_POINTS, seed)])
         if end is None:
             return Front(tuple(goals), evaluations=spent)
@@ -125,10 +125,10 @@ def pareto_front(
     grid = [limits[::-1] for limits in product(*ladders[::-1])]
     failed, complete, warm = 0, True, ends[0]
     for number, limits in enumerate(grid, 1):
+        budget.heard(tell, "front: limits", number - 1, len(grid))
         if budget.ended:
             complete = False
             break
-        tell("front: limits", number - 1, len(grid))
         if limits[0] == ladders[0][0]:
             warm = ends[0]
         held = [goal.as_constraint(value) for goal, value in zip(goals[1:], limits, strict=True)]

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, by_value
+from ..progress import CountedProgress, EnoughError
 from ..theory.quantity import FEASIBLE
 
 Vector = Callable[[Array], Array]
@@ -24,6 +25,8 @@ Vector = Callable[[Array], Array]
 unit box."""
 
 Global = Literal["crs2", "isres"]
+Ended = Literal["", "evaluations", "seconds", "stopped"]
+"""Why a search ended before its own end: a budget, or that somebody had enough of it."""
 
 BIG = 1e6
 """Stand-in for infinity: far beyond any merit or row of a camera."""
@@ -133,9 +136,18 @@ class SearchBudget:
 
         return counted if self.each else rows
 
+    def heard(self, tell: CountedProgress, what: str, done: float = 0.0, total: float = 0.0) -> None:
+        """Tell what is being done; who has enough of it ends the budget."""
+        try:
+            tell(what, done, total)
+        except EnoughError:
+            self.deadline = -math.inf
+
     @property
-    def ended(self) -> Literal["", "evaluations", "seconds"]:
+    def ended(self) -> Ended:
         """Budget that ran out first; "" where more may be tried."""
+        if self.deadline == -math.inf:
+            return "stopped"
         if self.evaluations <= 0:
             return "evaluations"
         return "seconds" if time.monotonic() > self.deadline else ""

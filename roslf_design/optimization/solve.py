@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from operator import itemgetter
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, StrictBool
@@ -28,10 +28,12 @@ from .search import (
     BIG,
     FTOL,
     QUICK,
+    Ended,
     Global,
     Guard,
     Search,
     SearchBudget,
+    Vector,
     globally,
     gradient_error,
     search,
@@ -188,7 +190,7 @@ class Answer:
     seconds: float
     notes: tuple[str, ...]
     settings: Settings
-    ended: Literal["", "evaluations", "seconds"] = ""
+    ended: Ended = ""
     """Budget that ended the search before its own end; "" where none did."""
     gained: float = 0.0
     """By how much the merit fell when the best was polished once more: what the searches had left."""
@@ -296,11 +298,11 @@ def _settled_by_rays(problem: DesignProblem, settings: Settings, budget: SearchB
     roughly = partial(polish, most=settings.evaluations, to=max(settings.tolerance, finest))
     start, found = None, []
     if problem.summed:
-        tell("limits of the whole camera")
+        budget.heard(tell, "limits of the whole camera")
         problem, part, near = reached_untraced(problem, _first(problem), settings.seed, roughly, budget)
         start = near.unit
         if problem.traced and not near.feasible:
-            tell("finding what stands in the way")
+            budget.heard(tell, "finding what stands in the way")
             conflict = explain(part, [start], budget, settings.seed)
             if not conflict.feasible_after_all:
                 return _unreached(problem, conflict, near, settings, budget)
@@ -423,7 +425,7 @@ def settled(
     best, reach, last = np.clip(unit, 0.0, 1.0), 1.0, np.zeros(problem.n)
     problem, moved = problem.told_by_rays(best)
     for done in range(MOST_SETTLING):
-        tell("rays at the optimum", done, MOST_SETTLING)
+        (budget or SearchBudget()).heard(tell, "rays at the optimum", done, MOST_SETTLING)
         part = wanted(problem)
         end = search(part, best, reach)
         way = end.unit - best
@@ -481,9 +483,9 @@ def _solve(
     tolerance = max(settings.tolerance, SETTLED / 10 if problem.told_at else problem.finest)
     polish = partial(searched, problem, budget=budget, evaluations=evaluations, tolerance=tolerance)
     for number, start in enumerate(starts, 1):
+        budget.heard(tell, "searches", number - 1, len(starts))
         if searches and budget.ended:
             break
-        tell("searches", number - 1, len(starts))
         searches.append(polish(start))
     best = min(searches, key=lambda s: (not s.feasible, s.merit if s.feasible else s.violation))
     checks: list[Check] = []
@@ -491,8 +493,8 @@ def _solve(
     for name in (name for name, asked in wanted.items() if asked):
         if budget.ended:
             break
-        tell("checking by a global search" if name == "crs2" else "checking by a second global search")
-        guard = Guard(budget.counting(problem.vector), budget)
+        what = "checking by a global search" if name == "crs2" else "checking by a second global search"
+        guard = Guard(_followed(budget.counting(problem.vector), partial(budget.heard, tell, what), problem), budget)
         checks.append(_check(problem, name, guard, best, settings.seed, polish))
         other = checks[-1].polished
         if other.feasible and (not best.feasible or best.merit - other.merit > settings.agree):
@@ -503,7 +505,7 @@ def _solve(
         if polished.feasible and polished.merit < best.merit:
             gained, best = best.merit - polished.merit, polished
     else:
-        tell("finding what stands in the way")
+        budget.heard(tell, "finding what stands in the way")
         points = [s.unit for s in sorted(searches, key=lambda s: s.violation)]
         conflict = explain(problem, points, budget, settings.seed)
         best = replace(best, unit=conflict.unit, violation=conflict.violation)
@@ -537,13 +539,30 @@ def _solve(
     )
 
 
+def _most_checked(problem: DesignProblem) -> int:
+    """Points that a global search tries at most."""
+    return min(1500 * problem.n, 9000) // (5 if problem.summed else 1)
+
+
+def _followed(rows: Vector, tell: CountedProgress, problem: DesignProblem) -> Vector:
+    """Rows of a global search, whose points are told of as they are tried."""
+    tried, most = 0, _most_checked(problem)
+
+    def followed(units: Array) -> Array:
+        nonlocal tried
+        tell(min(tried, most), most)
+        tried += len(units)
+        return rows(units)
+
+    return followed
+
+
 def _check(
     problem: DesignProblem, name: Global, guard: Guard, best: Search, seed: int, polish: Callable[[Array], Search]
 ) -> Check:
     known = _conditions(problem, best.unit)[0] if best.feasible else ()
     steepest = max((a.multiplier for a in known), default=0.0 if best.feasible else 10.0)
-    most = min(1500 * problem.n, 9000) // (5 if problem.summed else 1)
-    unit = globally(guard, problem.n, name, 1.0 + 3.0 * steepest, most, seed)
+    unit = globally(guard, problem.n, name, 1.0 + 3.0 * steepest, _most_checked(problem), seed)
     polished = polish(unit)
     solver = {"crs2": "random search, CRS2", "isres": "evolutionary search, ISRES"}[name]
     return Check(solver, guard.evaluations, guard.merit if guard.feasible else None, polished)
@@ -555,6 +574,8 @@ def _notes(searches: Sequence[Search], wanted: int, budget: SearchBudget, settin
         counts = f", {budget.each} a design whose depth is summed behind a real lens," if budget.each else ""
         spent = f"the budget of {settings.budget} evaluations{counts} was spent {tried}"
         notes.append(f"{spent}: what more would gain is not known; give more for a surer answer")
+    elif budget.ended == "stopped":
+        notes.append(f"it was stopped {tried}: what more would gain is not known")
     elif budget.ended:
         remedy = "give more, or none, for a surer answer that no other work on the machine changes"
         notes.append(f"the clock of {settings.seconds:g} seconds ran out {tried}; {remedy}")

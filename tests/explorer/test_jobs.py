@@ -13,6 +13,7 @@ import pytest
 
 from roslf_design.errors import InputError, Problem
 from roslf_design.explorer.jobs import Done, Failure, Later, ProcessJob, Progress
+from roslf_design.progress import EnoughError
 
 
 def double(request, tell):
@@ -114,6 +115,34 @@ def test_polling_returns_at_once_and_cancelling_ends_the_process():
     assert job.poll() == Failure("cancelled")
     assert gone(child)
     job.cancel()
+
+
+def stop_when_told(request, tell):
+    try:
+        while True:
+            tell(0.5, "searching")
+            time.sleep(0.02)
+    except EnoughError:
+        return "the best so far"
+
+
+def search_for_ever(request, tell):
+    while True:
+        tell(0.5, "searching")
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize(
+    ("work", "ends"), [(stop_when_told, "the best so far"), (search_for_ever, "stopped before anything was found")]
+)
+def test_a_run_that_is_stopped_ends_with_what_it_has(work, ends):
+    job = ProcessJob(work, None)
+    while not (isinstance(state := job.poll(), Progress) and state.share):
+        time.sleep(0.02)
+    job.stop()
+    state = until(job, Done | Failure)
+    assert (state.result if isinstance(state, Done) else state.message) == ends
+    job.stop()  # of one that is over nothing comes
 
 
 def test_a_run_that_will_not_end_is_killed():

@@ -15,6 +15,7 @@ from roslf_design.optimization.goals import Goal
 from roslf_design.optimization.problem import sobol_units
 from roslf_design.optimization.search import SearchBudget, search, value_and_jacobian
 from roslf_design.optimization.solve import Settings, solve
+from roslf_design.progress import EnoughError
 from roslf_design.theory import information_series
 from tests.optimization.posing import PAPER, goal, limit, posed
 from tests.oracles.optimize import brute_force, eq7_residual, largest_undistorted_plane, matched_sensor_distance
@@ -167,6 +168,30 @@ def test_what_ended_a_search_is_told_and_no_clock_does_unless_asked(monkeypatch)
     assert counted.ended == "evaluations"
     assert 1 < len(counted.searches) < 64
     assert "the budget of 100 evaluations was spent" in counted.notes[0]
+
+
+@pytest.mark.parametrize(("while_", "done"), [("searches", 3), ("checking", 40)])
+def test_who_has_enough_gets_the_best_so_far(while_, done):
+    problem = posed({"d_2": (0.1, 20.0), "D_F": (0.5, 4.0)}, [limit("fill_factor", 1.0, 1.0)], DEPTH)
+    told = []
+
+    def tell(what, now=0.0, total=0.0):
+        told.append((what, now, total))
+        if what.startswith(while_) and now >= done:
+            raise EnoughError
+
+    settings = Settings(starts=6)
+    stopped, whole = solve(problem, settings, tell), solve(problem, settings)
+    assert (stopped.ended, whole.ended) == ("stopped", "")
+    assert stopped.feasible
+    first = whole.searches[: len(stopped.searches)]
+    assert [s.unit.tobytes() for s in stopped.searches] == [s.unit.tobytes() for s in first]
+    assert len(first) == (3 if while_ == "searches" else 6)
+    assert stopped.merit == min(s.merit for s in first if s.feasible)
+    assert "it was stopped after" in stopped.notes[0]
+    counts = [now for what, now, _ in told if what.startswith("checking")]
+    assert counts == sorted(counts)
+    assert all(now <= total for _, now, total in told if total)
 
 
 def test_a_predicted_depth_error_is_as_good_as_an_exact_search(monkeypatch):

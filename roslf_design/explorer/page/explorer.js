@@ -576,7 +576,7 @@
     setup() { return { ask }; },
     template: `
 <div class="go"><button type="submit" class="primary" :data-testid="'start-' + kind" :disabled="run.state === 'running'">{{ run.state === 'none' ? 'Start' : 'Start again' }}</button>
-<button type="button" :data-testid="'cancel-' + kind" :disabled="run.state !== 'running'" @click="ask('cancel_run', kind)">Cancel</button><span v-if="run.seconds" class="hint">{{ run.seconds }}</span></div>
+<button type="button" :data-testid="'cancel-' + kind" :disabled="run.state !== 'running'" @click="ask('cancel_run', kind)">Cancel</button><button v-if="kind === 'optimise' && run.state === 'running'" type="button" data-testid="stop-optimise" :disabled="!(run.share > 0)" title="At the end of the search under way" @click="ask('stop_run', kind)">Stop with the best so far</button><span v-if="run.seconds" class="hint">{{ run.seconds }}</span></div>
 <div v-if="run.state === 'running'" class="progress" role="status"><progress max="1" :value.attr="run.share < 0 ? null : run.share" :aria-label="'Progress of the ' + kind + ' run'"></progress><span>{{ run.text }}</span></div>
 <p v-if="run.message" class="fault" role="alert" :data-testid="'failed-' + kind">{{ run.message }}</p>`,
   };
