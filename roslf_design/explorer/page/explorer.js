@@ -531,7 +531,7 @@
     },
     template: `
 <section class="card card-space" aria-label="The instrument in 3D">
-  <div class="card-head"><h2>The instrument in 3D <rx-twin :lens="lens"></rx-twin></h2><span v-if="meshes['rays centre']" class="hint key" data-testid="space-key"><span v-for="mesh in legend()" :key="mesh.label"><i :class="{ body: mesh.polys.length }" :style="{ background: css(mesh), opacity: Math.min(2 * mesh.opacity, 1) }"></i>{{ mesh.label }}</span></span><span class="hint">drag to turn, wheel to zoom, middle button to move</span>
+  <div class="card-head"><h2>The instrument in 3D <rx-twin :lens="lens"></rx-twin></h2><span v-if="meshes['rays centre']" class="hint key" data-testid="space-key"><span v-for="mesh in legend()" :key="mesh.label"><i :class="{ solid: mesh.polys.length }" :style="{ background: css(mesh), opacity: Math.min(2 * mesh.opacity, 1) }"></i>{{ mesh.label }}</span></span><span class="hint">drag to turn, wheel to zoom, middle button to move</span>
     <button type="button" @click="home" data-testid="space-home">Whole view</button><span class="files"><button type="button" aria-label="The instrument in 3D as PNG" @click="picture">PNG</button></span></div>
   <p v-if="failed" class="note">The browser gives no WebGL 2, so there is no 3D view; all else works.</p>
   <div v-else class="picture space" data-picture="space" ref="box" tabindex="0" role="application" aria-label="3D view of the instrument; the arrow keys turn it" @keydown="turn">
