@@ -150,7 +150,7 @@ def _span(text: str, count: int) -> tuple[str, Array]:
 
 def _written(swept: Sweep, kind: str, design: Design, notes: list[str]) -> bytes:
     if kind in (".png", ".svg"):
-        picture = sweep_picture(swept, design.name, notes, [one for one in limits(design) if one[0].field is None])
+        picture = sweep_picture(swept, design.name, notes, [one for one in limits(design) if one[0].off_axis is None])
         return picture.to_png() if kind == ".png" else picture.svg_file()
     if kind == ".parquet":
         import pyarrow

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
@@ -20,7 +21,7 @@ from pydantic import (
 from ..bore.part import Part
 from ..errors import InputError, Problem
 from ..toml_files import problems_of
-from ..units import Length
+from ..units import Angle, Length, format_quantity
 
 LIKE = '{max = "0.5 mm"}'
 """Limits as a file writes them."""
@@ -39,6 +40,12 @@ def _off_middle(field: str | None) -> str | None:
     return None if field == "middle" else field
 
 
+def _ahead(angle: float) -> float:
+    if not 0 < angle < math.pi:
+        raise ValueError(f"must be above 0 and below 180 deg, got {math.degrees(angle):g} deg")
+    return angle
+
+
 class Required(Part):
     """Limits of one quantity; several of them, at other distances, stand in a list."""
 
@@ -46,7 +53,11 @@ class Required(Part):
     at: Length | None = None
     """Distance ahead of the bore's tip [mm]; the focal plane where left out."""
     field: Annotated[Literal["middle", "edge", "corner"] | None, AfterValidator(_off_middle)] = None
-    """Where in what the sensor sees, of `detail_lp_per_mm` alone; the middle where left out, all that studies hold."""
+    """Where in what the sensor sees; the middle where left out, or all of it for what is of the whole camera."""
+    object_height: Length | None = None
+    """In its place: distance from the axis on the object, at that distance ahead, towards the field's corner [mm]."""
+    field_angle: Annotated[Angle, AfterValidator(_ahead)] | None = None
+    """In its place: angle of the chief ray to the axis, in the medium of the scene, towards the field's corner."""
     min: _End = None
     """Least value: text with a unit, or a number in the unit that the quantity's name ends with."""
     max: _End = None
@@ -57,6 +68,27 @@ class Required(Part):
         if self.min is None and self.max is None:
             raise ValueError(f"{self.quantity} has no limit; give min, max or both, e.g. {LIKE}")
         return self
+
+    @model_validator(mode="after")
+    def _in_one_place(self) -> Required:
+        places = [key for key in ("field", "object_height", "field_angle") if getattr(self, key) is not None]
+        if len(places) > 1:
+            raise ValueError(f"{' and '.join(places)} are two places; keep one")
+        return self
+
+    @property
+    def off_axis(self) -> str | None:
+        """Place off the axis, in words; None of what counts in the middle, or of the whole camera."""
+        if self.object_height is not None:
+            return f"{format_quantity(self.object_height, 'length', 4)} from the axis"
+        if self.field_angle is not None:
+            return f"{math.degrees(self.field_angle):.4g} deg off the axis"
+        return self.field
+
+    @property
+    def where(self) -> tuple[object, ...]:
+        """Plane and place: two limits of one quantity of which these are the same limit the same number."""
+        return self.at, self.field, self.object_height, self.field_angle
 
     def limits(self, context: Any = None) -> dict[str, Any]:
         """Limits, and the distance they are for, as files and studies write them; without what is left out."""

@@ -25,6 +25,7 @@ from ..traced.fields import DesignImages, IdealImages, images_of
 from ..words import clauses, listed, number, on_side, uncertainty
 from .specification import (
     ASKED,
+    CORNER,
     FOCUS,
     FieldImages,
     FieldOfView,
@@ -128,6 +129,8 @@ class FirstAnswer:
     """Ends of `environment.range`, over which depths are then expected."""
     at: tuple[_AtDistance, ...]
     """At the focal plane, then at the distances asked for."""
+    outermost: str = CORNER
+    """What counts as its corner: that of the field, or of a round field that is required its rim."""
 
     @classmethod
     def of(
@@ -209,6 +212,7 @@ class FirstAnswer:
             None if met is None or met[0] != met[1] else float(met[0]),
             None if met is None or met[0] == met[1] else (float(met[0]), float(met[1])),
             tuple(planes),
+            shown.outermost,
         )
 
     @property
@@ -238,10 +242,15 @@ class FirstAnswer:
             rows.append((within.label, within.value, within.remark))
         light = f"{number(100 * self.corner_light, 3)} %"
         more = "; the lens draws the scene smaller there" if self.corner_light > SMALLER else ""
-        rows.append(("light in the corner", light, f"of that in the middle of the field{more}"))
+        rows.append((f"light {self.outer_words}", light, f"of that in the middle of the field{more}"))
         outer = f"{on_side(self.outer_diameter_mm, True, 4)} mm"  # into which it goes
         rows.append(("outer diameter", outer, f"{self.outer_diameter_about} {self.outer_diameter_counts}"))
         return tuple(rows)
+
+    @property
+    def outer_words(self) -> str:
+        """Where what is told of the corner is, in words."""
+        return "in the corner" if self.outermost == CORNER else f"at the {self.outermost}"
 
     @property
     def cautions(self) -> list[str]:

@@ -27,17 +27,18 @@ from ..lenses.glass import AIR, ROOM
 from ..lenses.material import material_label
 from ..options import Distance
 from ..theory import exit_pupil
-from ..theory.depth_budget import DepthBudget, depth_budget
-from ..theory.depth_error import depth_error
+from ..theory.depth_budget import COVERAGE, DepthBudget, depth_budget
+from ..theory.depth_error import depth_error, errors_at_fields
 from ..theory.focused import FocusedArray
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.limits import as_design
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import field_limit
+from ..traced.fields import images_of
 from ..units import FARTHEST
 from .answer import FirstAnswer
-from .fields import MOST_FIELDS, default_fields, evaluate_fields, rays_for, trace_lens
+from .fields import MOST_FIELDS, default_fields, evaluate_fields, judged_field, rays_for, trace_lens
 from .groups import (
     AtTemperature,
     LookedThrough,
@@ -47,7 +48,7 @@ from .groups import (
     SeenPart,
     Temperatures,
 )
-from .required import Requirement, requirements
+from .required import Requirement, depth_off_axis, requirements
 from .result import Evaluation
 from .specification import FieldImages, depth_assumptions
 from .verdicts import buildable, named_otherwise, sharp_over_field, verdicts_of, warnings_of
@@ -134,7 +135,7 @@ def evaluate(
     rays = rays_for(None if design.has_exact_areas else accuracy)
     axes = default_fields(design) if fields is None else _axes(fields)
     camera = Camera.of(design)
-    limit = field_limit(camera)
+    limit = field_limit(camera, judged_field(design))
     f_number, sampling = Numbers.of(camera, "f_number"), Numbers.of(camera, "sampling")
     non_distortion = Numbers.of(camera, "non_distortion", limit.numbers, undistorted_in_field=not limit.cuts)
     images = evaluate_fields(design, axes, rays)
@@ -202,11 +203,18 @@ def held_as_planned(
     camera, told = Camera.of(shown.design), result.required
     if planned is not None:
         told = requirements(shown, camera, partial(depth_budget, camera, build=build, calibration=planned))
-    bare = {one.at_mm: depth_budget(camera, one.at_mm, build=build) for one in told if one.quantity == "u_z_mm"}
     once = "once calibrated as planned" * (planned is not None)
-    return held_to(
-        result, [one.beside(once, bare[one.at_mm].expanded_mm) if one.quantity == "u_z_mm" else one for one in told]
-    )
+
+    def beside(one: Requirement) -> Requirement:
+        if one.quantity != "u_z_mm":
+            return one
+        bare = depth_budget(camera, one.at_mm, build=build)
+        if one.x_ml_mm is None:
+            return one.beside(once, bare.expanded_mm)
+        own = errors_at_fields(images_of(shown.design, [one.x_ml_mm]), one.at_mm)[1].item()
+        return one.beside(once, np.asarray(COVERAGE * depth_off_axis(camera, bare, own, one.at_mm)))
+
+    return held_to(result, [beside(one) for one in told])
 
 
 def held_to(result: Evaluation, required: Sequence[Requirement]) -> Evaluation:

@@ -14,6 +14,7 @@ from .._jit import ahead
 from ..accuracy.statement import check_accuracy
 from ..camera import Camera
 from ..design import Design
+from ..design.required import Required
 from ..fates import ImageFate, RayFate
 from ..lenses.prescription import LensError
 from ..rays import trace_pupil
@@ -21,9 +22,14 @@ from ..shapes.lattice import cell_polygon
 from ..shapes.openings import Openings
 from ..theory.depth_error import errors_at_fields
 from ..theory.exit_pupil import microlens_image_pitch
-from ..theory.light import on_array, sensor_field
+from ..theory.field_of_view import focus_ahead, off_axis
+from ..theory.light import SensorField, on_array, sensor_field
+from ..theory.limits import limits
+from ..theory.quantities import ROUND_ANGLE, ROUND_RADIUS
+from ..theory.quantity import FEASIBLE
 from ..theory.stop_images import MicrolensImages, stop_openings
 from ..traced.camera import camera_of
+from ..traced.fields import images_of
 from ..traced.images import measured_bound, real_field
 from .groups import Field, Numbers, RayBudget, RealLens, RealLensField, Share
 
@@ -39,6 +45,8 @@ BEST_ACCURACY = 3e-5
 
 FIELD_NAMES = ("centre", "edge", "corner")
 """Names of `default_fields`."""
+TRIED = 33
+"""Microlenses towards the field's corner between which one is looked for, twice: to 1e-6 of the way there."""
 MOST_FIELDS = 500
 """Fields looked at in one run."""
 TRACING = 1.5
@@ -46,17 +54,95 @@ TRACING = 1.5
 
 
 def default_fields(design: Design) -> tuple[Place, ...]:
-    """Centre, edge and corner of what the sensor sees of the MLA [mm].
+    """Centre, edge and corner of what the sensor sees of the MLA [mm]; of a round field that is required, of its rim.
 
     Edge and corner belong to the outermost microlenses whose own cells still lie on the sensor, on the side that is
-    farther from the main lens's axis.
+    farther from the main lens's axis. Those of a round field lie on its rim, along x and towards that corner.
     """
     camera = Camera.of(design)
-    low, high = (np.array(ends) for ends in sensor_field(camera, -np.abs(microlens_image_pitch(camera)) / 2))
-    middle = (low + high) / 2
-    x, y = np.where(high + low >= -1e-9 * (high - low), high, low)  # the upper of two that are as far, but for rounding
-    centre, edge, corner = on_array(camera, np.array([middle, (x, middle[1]), (x, y)])).tolist()
+    middle, (x, y) = _middle_and_corner(camera)
+    outer = np.array([middle, (x, middle[1]), (x, y)])
+    radius = round_radius(design)
+    if radius is not None:
+        away = math.hypot(x, y)
+        outer = np.array(
+            [(0.0, 0.0), (math.copysign(min(radius, abs(x)), x), 0.0), (x * radius / away, y * radius / away)]
+        )
+    centre, edge, corner = on_array(camera, outer).tolist()
     return tuple(centre), tuple(edge), tuple(corner)
+
+
+def _middle_and_corner(camera: Camera) -> tuple[Array, Array]:
+    """Middle of the microlenses that the sensor sees whole, and the farthest of them, from the lens's axis [mm]."""
+    low, high = (np.array(ends) for ends in sensor_field(camera, -np.abs(microlens_image_pitch(camera)) / 2))
+    # The upper of two that are as far, but for rounding.
+    return (low + high) / 2, np.where(high + low >= -1e-9 * (high - low), high, low)
+
+
+def place_off_axis(design: Design, asked: Required) -> Place | None:
+    """Microlens that sees what lies so far off the axis, towards the field's corner [mm]; None where none does."""
+    if asked.field is not None:
+        return dict(zip(FIELD_NAMES, default_fields(design), strict=True))[asked.field]
+    angle, height = asked.field_angle, asked.object_height
+    radius = _radius(design, angle, height, asked.at)
+    if radius is None:
+        return None
+    camera = Camera.of(design)
+    corner = _middle_and_corner(camera)[1]
+    x, y = on_array(camera, corner * (radius / np.hypot(*corner))).tolist()
+    return x, y
+
+
+def _radius(design: Design, angle: float | None, height: float | None, at: float | None) -> float | None:
+    """Distance from the lens's axis of the microlens that sees an angle [rad] or height [mm] off it, [mm].
+
+    By the chief rays of microlenses towards the field's corner, traced behind a real lens; None beyond those.
+    """
+    camera = Camera.of(design)
+    corner, shares = _middle_and_corner(camera)[1], np.linspace(0.0, 1.0, TRIED)
+    plane = float(focus_ahead(camera)) if at is None else at
+    for _ in range(2):
+        images = images_of(design, on_array(camera, shares[:, np.newaxis] * corner))
+        ways = off_axis(images.directions) if height is None else np.hypot(*images.on_plane(plane))
+        off = np.broadcast_to(ways, (TRIED, 1))[:, 0]
+        wanted = angle if height is None else height
+        beyond = np.flatnonzero(off >= wanted * (1 - FEASIBLE))
+        if not beyond.size:
+            return None
+        k = max(int(beyond[0]), 1)
+        between = shares[k - 1 : k + 1]
+        share = float(np.interp(wanted, off[k - 1 : k + 1], between))
+        shares = np.linspace(*between, TRIED)
+    return share * float(np.hypot(*corner))
+
+
+def round_radius(design: Design) -> float | None:
+    """Distance from the lens's axis of the rim of the widest round field that a design requires [mm].
+
+    None where it requires none, or one that the sensor does not see even towards its corner.
+    """
+    if not any(asked.quantity in (ROUND_ANGLE, ROUND_RADIUS) for asked in design.required):
+        return None
+    radii = [
+        _radius(design, math.radians(low / 2), None, None)
+        if quantity.name == ROUND_ANGLE
+        else _radius(design, None, low, asked.at)
+        for asked, quantity, low, _ in limits(design)
+        if quantity.name in (ROUND_ANGLE, ROUND_RADIUS) and low
+    ]
+    return None if None in radii else max(filter(None, radii), default=None)
+
+
+def judged_field(design: Design) -> SensorField:
+    """What is to be lit and imaged of the array: all that the sensor sees, or the square whose corners lie on the rim.
+
+    That rim is of the round field that the design requires.
+    """
+    radius = round_radius(design)
+    if radius is None:
+        return sensor_field(Camera.of(design))
+    half = np.asarray(radius / math.sqrt(2))
+    return SensorField((-half, -half), (half, half))
 
 
 def unseen(design: Design, place: Place) -> str:
@@ -279,7 +365,7 @@ def trace_lens(design: Design, axes: Sequence[Place], thin: Numbers) -> RealLens
     constants = camera.first_order
     x0, x_ml = measured_bound(design)
     thin_twin = Camera.of(design)
-    corners = on_array(thin_twin, sensor_field(thin_twin).corners).tolist()
+    corners = on_array(thin_twin, judged_field(design).corners).tolist()
     fields = _traced_fields(design, axes)
     whole = all(field.status == "full" for field in (*fields, *_traced_fields(design, corners)))
     return RealLens(

@@ -32,13 +32,15 @@ from ..theory.depth_budget import (
     DepthBudget,
     depth_budget,
 )
+from ..theory.depth_error import errors_at_fields, expected_error
 from ..theory.focused import has_views, pupil_remedy
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
-from ..theory.limits import as_design, limits
-from ..theory.quantities import NO_LENS_MOVES, QUANTITIES, quantity_named
+from ..theory.limits import AT_FIELD, OFF_AXIS, as_design, limits
+from ..theory.quantities import NO_LENS_MOVES, QUANTITIES, ROUND_ANGLE, ROUND_RADIUS, quantity_named
 from ..theory.quantity import FEASIBLE, Quantity
 from ..traced.fields import images_of
 from ..words import clauses, length, number, on_side, the, uncertainty
+from .fields import place_off_axis
 from .groups import Verdict
 from .remedies import MATCH, Holds, is_matched, reaching
 from .specification import FieldImages, view_fold
@@ -64,12 +66,15 @@ AS_BUILT = (
 """Remedy of a depth that is held by the lengths as drawn alone."""
 
 
+DETAIL = "detail_lp_per_mm"
 SHARPER = "a better corrected lens, a smaller FAP or a smaller sensor lets more of the field hold it"
 """Remedy of detail that the corner of the field does not show."""
 DARK = "dark at the edge of what is required"
 """Words on a field that is none."""
 LIT = "free the images from what cuts them (the field's verdict says what)"
 """Remedy of a field whose edge gets no light."""
+REMEDIES = {"spot_pitches": SHARPER, "relative_illumination": LIT, "kept_fraction": LIT}
+"""Remedies of what single microlenses have."""
 FLAT = 179.0
 """Full angle of the widest field that a flat sensor sees [degrees]."""
 STEPS = ("nm", "um", "mm", "m")
@@ -100,9 +105,11 @@ class Requirement:
     thin_twin: float | None = None
     """Value of the thin-lens model, where `value` is of rays through a real lens."""
     field: str | None = None
-    """Place in the field that it is asked for at; None is the middle, or the whole."""
+    """Place in the field that it is asked for at, in words; None is the middle, or the whole."""
     caution: str = ""
     """Reasons to believe the value less; empty where none is known."""
+    x_ml_mm: tuple[float, float] | None = None
+    """Microlens that sees that place; None in the middle, and where the sensor does not see the place."""
 
     def holds(self, values: Array | float) -> NDArray[np.bool_]:
         """Where values are within, but for what an optimiser's rounding may leave; nowhere where they are NaN."""
@@ -155,7 +162,7 @@ class Requirement:
     @property
     def verdict(self) -> Verdict:
         """Whether it is met, and by how much it is missed."""
-        where = "" if self.field is None else f"_{self.field}"
+        where = "" if self.field is None else f"_{self.field.replace(' ', '_')}"
         where += "" if self.at_mm is None else f"_at_{self.at_mm:g}_mm"
         counts = clauses(self.expanded(self.value), self.counts)
         counts = f" ({counts})" if counts else ""
@@ -176,11 +183,12 @@ class Requirement:
 
 def _of_corner(shown: FieldImages, quantity: Quantity, at: float | None, low: float | None) -> tuple[str, str, str]:
     """Detail in the field's corner in words, where the middle alone has as much as is required, and the remedy."""
-    corner = shown.detail_in("corner", at).usable_lp_per_mm or 0.0
-    beside = f"in the middle; in the field's corner {number(corner, 3)} lp/mm"
-    if low is None or quantity.within(low, None, corner):
+    outer, where = shown.outer_detail(at), shown.in_words("corner")
+    beside = f"in the middle; {where} {number(outer, 3)} lp/mm"
+    if low is None or quantity.within(low, None, outer):
         return beside, "", ""
-    much_less = f", {number(corner, 3)} lp/mm in the corner" * (corner < low / 2)
+    short = where.replace("field's ", "")
+    much_less = f", {number(outer, 3)} lp/mm {short}" * (outer < low / 2)
     return beside, f"in the middle alone{much_less}", f'field = "corner" requires it there; {SHARPER}'
 
 
@@ -213,19 +221,23 @@ def requirements(
     told, others = [], _also_held(shown.design, camera)
     for asked, quantity, low, high in limits(shown.design):
         depth = budget(asked.at) if quantity.name == "u_z_mm" else None
-        closed = float(quantity(camera, asked.at) if depth is None else depth.u_z_mm)
-        field, rays = asked.field, shown.told(quantity, asked.at)
-        middle, sampled = closed if rays is None else rays, False
+        field, place, sampled = asked.off_axis, None, False
         if field is not None:
-            there = shown.detail_in(field, asked.at)
-            rays = closed = there.usable_lp_per_mm or 0.0
-            sampled = there.limited_by == "sampling"
-        value = closed if rays is None else rays
+            value, place, sampled = _off_axis(shown, asked, quantity, depth)
+            rays = closed = value
+            middle = math.nan
+            if quantity.name == DETAIL:
+                traced = shown.told(quantity, asked.at)
+                middle = float(quantity(camera, asked.at)) if traced is None else traced
+        else:
+            closed = float(quantity(camera, asked.at) if depth is None else depth.u_z_mm)
+            rays = shown.told(quantity, asked.at)
+            value = middle = closed if rays is None else rays
         undefined = math.isnan(value) or (quantity.of_views and not has_views(camera))
         met = not undefined and bool(quantity.within(low, high, value))
         dark = _darkness(shown, quantity, low, value) if met else None
         met = met and dark != DARK
-        label = (quantity.label or quantity.name) + f" in the field's {field}" * (field is not None)
+        label = (quantity.label or quantity.name) + ("" if field is None else f" {shown.in_words(field)}")
         label += "" if asked.at is None else f" at {number(asked.at, 4)} mm"
         at, only, remedy = asked.at, "", ""
         counts = counted[quantity.name](at) if quantity.name in counted and not undefined else ""
@@ -236,20 +248,27 @@ def requirements(
         if aliases:
             counts = f"of contrast; detail above {number(fold, 4)} {quantity.unit} aliases"
         worst, caution = (None, "") if depth is None or undefined else (depth.worst, depth.caution)
+        beyond = 0.0 if field is None or depth is None or undefined else value**2 - float(depth.u_z_mm) ** 2
+        if field is not None:
+            caution = caution and f"in the middle, {caution}"
         if dark is not None:
             counts, only, remedy = clauses(counts, dark * (not met)), dark * met, LIT
         elif met and depth is not None and depth.as_drawn:
             only, remedy = "as drawn", AS_BUILT
         elif depth is not None and not undefined and high is not None and value > high:
-            remedy = _of_depth(depth, high)
+            remedy = _of_depth(depth, high) if depth.u_z_mm > high else f"in the middle it is held; {LIT}; {WAYS}"
         elif met and aliases and low is not None and low > fold:
             only, remedy = "by contrast alone", _sampling(fold, at, low)
+        elif field is not None and place is None:
+            remedy = _unseen(shown, asked)
+        elif not met and field is not None and quantity.name in REMEDIES:
+            remedy = REMEDIES[quantity.name]
         elif not met and rays is None and not undefined and not quantity.numeric:
             alone = reaching(camera, quantity, at, low, high, others)
             remedy = f"{alone}; {WAYS}" if alone else ""
         elif met and quantity.name == "working_distance_mm" and low is not None and high is not None:
             only, remedy = _of_the_focal_plane(camera, low, high)
-        if met and worst is not None and not quantity.within(low, high, worst[1] / COVERAGE):
+        if met and worst is not None and not quantity.within(low, high, math.sqrt((worst[1] / COVERAGE) ** 2 + beyond)):
             only = clauses(only, "over environment.range, not at its worse end", by=", ")
             remedy = clauses(remedy, MENDED_BY[WARMTH])
         if met and at is not None and quantity.of_views and (blurred := _blurred(camera, at)):
@@ -258,7 +277,7 @@ def requirements(
             remedy = SHARPER
         if quantity.of_views and not has_views(camera):
             remedy = f"pixels are no views, which it is of: {pupil_remedy(camera)}"
-        if quantity.name == "detail_lp_per_mm" and not undefined and field is None:
+        if quantity.name == DETAIL and not undefined and field is None:
             beside, alone, sharper = _of_corner(shown, quantity, at, low if met else None)
             counts, only, remedy = clauses(counts, beside), clauses(only, alone, by=", "), clauses(remedy, sharper)
         if of_detail and not undefined and (of_colours := _of_colours(camera, at, max(value, low or 0.0))):
@@ -273,12 +292,46 @@ def requirements(
         twin = None if value == closed or not lens.mounted or math.isnan(closed) else closed
         if twin is not None:
             counts = clauses(counts, f"of rays; of the thin-lens model {number(twin, 4)} {quantity.unit}")
-        elif lens.mounted and met and field is None and quantity.name not in NO_LENS_MOVES:
+        elif lens.mounted and met and (field is None or depth is not None) and quantity.name not in NO_LENS_MOVES:
             only = clauses(only, "by the thin-lens model alone", by=", ")
             remedy = clauses(remedy, f"no aberration of {lens.name} is in that: leave it a margin")
         numbers, words = (at, low, high, None if undefined else value), (counts, only, remedy)
-        told.append(Requirement(quantity.name, label, *numbers, quantity.unit, met, *words, twin, field, caution))
+        told.append(
+            Requirement(quantity.name, label, *numbers, quantity.unit, met, *words, twin, field, caution, place)
+        )
     return tuple(told)
+
+
+def _off_axis(
+    shown: FieldImages, asked: Required, quantity: Quantity, depth: DepthBudget | None
+) -> tuple[float, tuple[float, float] | None, bool]:
+    """Value off the axis, NaN where nothing sees the place; its microlens [mm] and whether sampling limits it."""
+    seen = shown.off_axis(asked)
+    if seen is None:
+        return math.nan, None, False
+    images, field = seen
+    x, y = images.fields[field].tolist()
+    if quantity.name == DETAIL:
+        there = shown.detail_at(seen, asked.at)
+        return there.usable_lp_per_mm or 0.0, (x, y), there.limited_by == "sampling"
+    if quantity.name in OFF_AXIS:
+        noise, expected = (one[field].item() for one in errors_at_fields(images, asked.at))
+        return noise if depth is None else depth_off_axis(images.camera, depth, expected, asked.at), (x, y), False
+    values = np.broadcast_to(quantity.at_fields(images), (len(images.fields), 1))
+    return float(values[field, 0]), (x, y), False
+
+
+def depth_off_axis(camera: Camera, budget: DepthBudget, expected: float, at: float | None) -> float:
+    """Depth, expected, of a microlens off the axis: its image's noise, the lengths of the axis."""
+    on_axis, own = float(expected_error(camera, at)), float(budget.u_z_mm)
+    return math.inf if math.isinf(expected) or math.isinf(own) else math.sqrt(own**2 - on_axis**2 + expected**2)
+
+
+def _unseen(shown: FieldImages, asked: Required) -> str:
+    """Remedy of a place that the sensor does not see."""
+    far, unit = shown.sees_to(asked), "deg" if asked.object_height is None else "mm"
+    sees = f", to {number(far, 4)} {unit}" if math.isfinite(far) else ""
+    return f"the sensor does not see so far{sees} in its corner; a larger one or a main lens of shorter f sees more"
 
 
 def required_of(
@@ -298,8 +351,23 @@ def missed_words(required: Sequence[Requirement]) -> str:
 
 
 def limits_for_study(design: Design) -> tuple[dict[str, Any], ...]:
-    """Limits of a design's `[required]` as tables of a study's file, but those off the middle, which none holds."""
-    return tuple({"quantity": asked.quantity, **asked.limits()} for asked in design.required if asked.field is None)
+    """Limits of a design's `[required]` as tables of a study's file, off the axis at the microlens that sees the place.
+
+    Without those off the axis that studies have no number for: detail, and depth at a distance.
+    """
+    return tuple(filter(None, (_for_study(design, asked) for asked in design.required)))
+
+
+def _for_study(design: Design, asked: Required) -> dict[str, Any] | None:
+    table = {"quantity": asked.quantity, **asked.limits()}
+    if asked.off_axis is None:
+        return table
+    at_field = next((name for name, whole in AT_FIELD.items() if whole == asked.quantity), asked.quantity)
+    known, place = QUANTITIES.get(at_field), place_off_axis(design, asked)
+    if place is None or known is None or known.local is None or (at_field in AT_FIELD and asked.at is not None):
+        return None
+    ends = {side: limit for side, limit in table.items() if side in ("min", "max")}
+    return {"quantity": at_field, "field": [f"{x!r} mm" for x in place], **ends}
 
 
 def _of_colours(camera: Camera, at: float | None, detail: float) -> tuple[str, float] | None:
@@ -312,11 +380,14 @@ def _of_colours(camera: Camera, at: float | None, detail: float) -> tuple[str, f
 
 def _darkness(shown: FieldImages, quantity: Quantity, low: float | None, value: float) -> str | None:
     """Words on where a field that is held gets no light: at the ends of what is required, or in the corner alone."""
-    if low is None or not ("field_of_view" in quantity.name or quantity.name.startswith("field_half")):
+    if low is None or not ("field_of_view" in quantity.name or quantity.name.startswith(("field_half", ROUND_RADIUS))):
         return None
-    pair = 0 if "width" in quantity.name else 1 if "height" in quantity.name else 2
-    images = images_of(shown.design, low / value * shown.ends.fields[2 * pair : 2 * pair + 2])
-    if not np.all(QUANTITIES["relative_illumination"].at_fields(images) > 0):
+    if quantity.name in (ROUND_ANGLE, ROUND_RADIUS):
+        ends = shown.rim
+    else:
+        pair = 0 if "width" in quantity.name else 1 if "height" in quantity.name else 2
+        ends = low / value * shown.ends.fields[2 * pair : 2 * pair + 2]
+    if not np.all(QUANTITIES["relative_illumination"].at_fields(images_of(shown.design, ends)) > 0):
         return DARK
     return None if shown.points[shown.farthest].relative_illumination > 0 else "with a dark corner"
 
@@ -344,7 +415,7 @@ def _also_held(design: Design, camera: Camera) -> dict[str, Holds]:
     return own | {
         f"{quantity.label or quantity.name} as required": within(quantity, asked.at, low, high)
         for asked, quantity, low, high in limits(design)
-        if asked.field is None
+        if asked.off_axis is None
     }
 
 
@@ -383,9 +454,12 @@ def _culprit(quantity: Quantity, camera: Camera, have: float, low: float | None)
         return f"the widest is {the(widest.name)}, {widest.sizes(camera)}"
     if low is None or not 0 < have < low:
         return ""
-    if quantity.name.startswith("field_of_view") and low < FLAT:
+    if quantity.name.startswith(("field_of_view", ROUND_ANGLE)) and low < FLAT:
         wider = math.tan(math.radians(low / 2)) / math.tan(math.radians(have / 2))
-        return f"about a sensor {on_side(wider, True, 3)} times as wide sees that, or a main lens so many times shorter"
+        side = "wide on its nearest side" if quantity.name == ROUND_ANGLE else "wide"
+        return (
+            f"about a sensor {on_side(wider, True, 3)} times as {side} sees that, or a main lens so many times shorter"
+        )
     if quantity.unit == "lp/mm":
         pitch = on_side(1e3 * float(camera.d) * have / low, False, 3)
         return f"microlenses of {pitch} um, not {length(float(camera.d))}, sample {low:g} lp/mm there"
@@ -432,7 +506,7 @@ def required_depth(design: Design, ahead: float) -> float | None:
     ends = [
         COVERAGE * high
         for asked, quantity, _, high in limits(design)
-        if quantity.name == "u_z_mm" and high is not None
+        if quantity.name == "u_z_mm" and high is not None and asked.off_axis is None
         if math.isclose(focus if asked.at is None else asked.at, ahead, rel_tol=1e-3)
     ]
     return min(ends, default=None)

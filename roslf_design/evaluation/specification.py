@@ -14,6 +14,7 @@ import numpy as np
 from .._arrays import Array
 from ..camera import Camera
 from ..design import Design
+from ..design.required import Required
 from ..errors import InputError, Problem
 from ..fates import ImageFate
 from ..json_data import plain
@@ -36,7 +37,7 @@ from ..theory.resolution import Direction
 from ..theory.stop_images import MicrolensImages
 from ..traced.fields import DesignImages, IdealImages, images_of
 from ..words import number
-from .fields import default_fields
+from .fields import default_fields, place_off_axis, round_radius
 from .groups import DepthAssumptions
 from .working_range import BudgetAt, WorkingRange
 
@@ -48,6 +49,10 @@ AT_TIP = 0.01
 BEYOND = 2.0
 """Where the working range has no end, the data sheet's farthest plane, in distances of the focal plane."""
 LEVELS = (0.5, 0.1)
+CORNER, RIM = "corner of the field", "rim of the round field"
+"""Where a field ends: the corner of what the sensor sees, or of a round field that is required its rim."""
+ROUND = 16
+"""Places on the rim of a round field that are looked at."""
 WAYS: tuple[Direction, Direction] = ("tangential", "sagittal")
 FOCUS, ASKED = "focal plane", "asked for"
 Station = tuple[str, float]
@@ -214,10 +219,57 @@ class FieldImages:
         seen = [at for at, fate in pairs if at.relative_illumination > 0 and fate != ImageFate.FOLDED]
         return corner(seen or self.points[:1])
 
-    def detail_in(self, field: str, at: float | None) -> Resolved:
-        """Detail of a refocused image at the field's "edge" or "corner", on a plane."""
-        place = self.farthest if field == "corner" else 1
-        return resolved(self.images, place, (ASKED, self._plane(at)), "refocused")
+    def outer_detail(self, at: float | None) -> float:
+        """Usable detail of a refocused image at the farthest of the fields, on a plane [lp/mm]; 0 of none."""
+        return resolved(self.images, self.farthest, (ASKED, self._plane(at)), "refocused").usable_lp_per_mm or 0.0
+
+    @cached_property
+    def outermost(self) -> str:
+        """Place that is farthest out in the field, in words."""
+        return CORNER if round_radius(self.design) is None else RIM
+
+    def in_words(self, place: str) -> str:
+        """Place off the axis in words, the "edge" and the "corner" of the field too."""
+        if place == "edge":
+            return "in the field's edge"
+        return place if place != "corner" else "in the field's corner" if self.outermost == CORNER else f"at the {RIM}"
+
+    @cached_property
+    def rim(self) -> Array:
+        """Microlenses on the rim of the round field that the design requires, all round, on the array [mm]."""
+        turn = np.linspace(0.0, 2 * np.pi, ROUND, endpoint=False)
+        circle = (round_radius(self.design) or 0.0) * np.column_stack([np.cos(turn), np.sin(turn)])
+        return on_array(self.images.camera, circle)
+
+    def sees_to(self, asked: Required) -> float:
+        """Angle [deg] to the axis, or distance from it on a plane [mm], that the sensor sees; NaN where all is lost."""
+        ends = images_of(self.design, self.ends.fields[4:])
+        ways = np.rad2deg(field_of_view.off_axis(ends.directions))
+        met = np.hypot(*ends.on_plane(self._plane(asked.at)))
+        return float(np.nanmax(ways if asked.object_height is None else met, initial=-math.inf))
+
+    def off_axis(self, asked: Required) -> tuple[IdealImages | DesignImages, int] | None:
+        """Images, and which of them sees the place off the axis that is asked for; None where the sensor sees none."""
+        if asked.field is not None:
+            corner = self.farthest if self.outermost == CORNER else 2  # of a rim all are as far
+            return self.images, corner if asked.field == "corner" else 1
+        place = place_off_axis(self.design, asked)
+        return None if place is None else (images_of(self.design, [place]), 0)
+
+    def detail_at(self, seen: tuple[IdealImages | DesignImages, int], at: float | None) -> Resolved:
+        """Detail that the refocused image shows there of a plane."""
+        return resolved(*seen, (ASKED, self._plane(at)), "refocused")
+
+    def round_field(self, at: float | None, *, angle: bool) -> float:
+        """Full angle [deg] or radius [mm] of the largest round field, as `Rays` has it."""
+        field = light.sensor_field(self.images.camera)
+        places = np.array(field_of_view.feet(field), float)
+        seen = images_of(self.design, on_array(self.images.camera, places))
+        if angle:
+            off = np.rad2deg(2 * np.broadcast_to(field_of_view.off_axis(seen.directions), (4, 1)))
+        else:
+            off = np.broadcast_to(np.hypot(*seen.on_plane(self._plane(at))), (4, 1))
+        return float(field_of_view.round_within(field, off[:, 0]))
 
     def _plane(self, at: float | None) -> float:
         """Distance of a plane ahead of the tip, or of the focal plane [mm]."""

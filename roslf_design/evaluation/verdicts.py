@@ -34,6 +34,7 @@ from .answer import STOP, FirstAnswer
 from .fields import Place, default_fields, field_openings
 from .groups import Field, Numbers, RealLens, Verdict
 from .remedies import GAP_SLACK, OVERLAP_SLACK, SLACK_PX, ways_of
+from .specification import RIM
 
 NEIGHBOURS = 3.0
 """Microlenses across, so that one has a neighbour on either side, without which nothing is matched."""
@@ -223,7 +224,7 @@ def sharp_over_field(answer: FirstAnswer, lens: RealLens | None) -> tuple[Verdic
     through = f" (traced through {lens.lens})" if lens else ""
     text = (
         f"not sharp over the field: in focus a refocused image shows {here} in the middle and "
-        f"{there} in the corner{through}; Nyquist frequency and MTF as required are the middle's"
+        f"{there} {answer.outer_words}{through}; Nyquist frequency and MTF as required are the middle's"
     )
     remedy = (
         "a better corrected lens, a smaller FAP or a smaller sensor; `roslf datasheet` has the edge of the field, and "
@@ -301,6 +302,8 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None, answer: F
     if answer is not None and camera.lens.mounted and math.isfinite(answer.at[0].width_mm):
         half, corner = answer.at[0].width_mm / 2, answer.at[0].diagonal_mm / 2
     sees = f"the sensor sees {half:.4g} mm (half width), {corner:.4g} mm (corner); {_shifted(camera)}{_stopped(camera)}"
+    if answer is not None and answer.outermost == RIM:
+        sees = f"judged to the {RIM} that is required; {sees}"
     by_thin = "" if thin.undistorted_in_field else _field_remedy(camera, thin)
     off = any(np.any(value) for at, value in camera.numbers.items() if ".decentre." in at)
     worst = " in the worst direction" if off or any(rim.outline.straight for rim in camera.openings) else ""
@@ -366,11 +369,11 @@ def _shifted(camera: Camera) -> str:
 def lit(answer: FirstAnswer) -> Verdict:
     """Whether the field's corner is lit about as the middle."""
     name, light = "corner_lit", answer.corner_light
-    share = f"the corner of the field gets {100 * light:.3g} % of the middle's light"
+    share = f"the {answer.outermost} gets {100 * light:.3g} % of the middle's light"
     if EVEN <= light <= 1 / EVEN:
         return Verdict.of(name, f"evenly lit to half a stop: {share}")
     if light <= 0:
-        return Verdict.of(name, "the corner of the field is dark", "see what cuts the images: the field's verdict")
+        return Verdict.of(name, f"the {answer.outermost} is dark", "see what cuts the images: the field's verdict")
     stops = f"{abs(math.log2(light)):.2g}"
     stops += " stop" if stops == "1" else " stops"
     text = f"{share}, {stops} {'less' if light < 1 else 'more'}: {answer.light_words}"

@@ -10,6 +10,7 @@ from ..design import Design
 from ..design.required import Required
 from ..errors import InputError, Problem
 from ..reporting.story import CENTRE, DEPTH, FILL, KEPT
+from ..theory.limits import AT_FIELD, OFF_AXIS
 from ..theory.quantities import in_words, quantity_named
 from ..tolerancing.metrics import DISTANT, METRICS
 from ..tolerancing.study import MetricGoal
@@ -159,6 +160,7 @@ def forms(state: State) -> dict[str, Any]:
         "asked": [
             {"of": asked.quantity, "at": "", "min": "", "max": ""} | {key: str(v) for key, v in asked.limits().items()}
             for asked in design.required
+            if asked.off_axis is None
         ],
         "goals": [{"key": key, "label": goal.label} for key, goal in GOALS.items()],
         "variables": [_offered(s, state) for s in VARIABLES if s not in lens.own],
@@ -175,7 +177,10 @@ def _asked_words(asked: Required) -> str:
     told = {end: limit if isinstance(limit, str) else f"{limit:g} {unit}".rstrip() for end, limit in limits.items()}
     ends = [f"{word} {told[end]}" for end, word in (("min", "at least"), ("max", "at most")) if end in limits]
     where = [f"{limits['at']} ahead of the tip"] if asked.at is not None else []
-    where += [f"at the {asked.field}, not held by a search"] if asked.field is not None else []
+    if asked.off_axis is not None:
+        held = asked.quantity not in OFF_AXIS or (asked.at is None and asked.quantity in AT_FIELD.values())
+        place = asked.off_axis if asked.field is None else f"at the {asked.field}"
+        where.append(place if held else f"{place}, not held by a search")
     return ", ".join([f"{in_words(asked.quantity)} {listed(ends)}", *where])
 
 

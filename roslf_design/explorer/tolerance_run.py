@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..camera import Camera
-from ..evaluation.required import missed_words, required_of
+from ..evaluation.required import limits_for_study, missed_words, required_of
 from ..reporting.story import quick_study
 from ..reporting.tolerance.pages import depth_sentence, impossible_words, loose_words
 from ..reporting.tolerance.pictures import LimitSpread, Offender, Yields
@@ -76,7 +76,8 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     tell(None, "limits and tolerances")
     data: dict[str, Any] = quick_study(design, request.seed) | {"grade": request.grade, "trials": trials}
     limits = [limit.model_dump(mode="json", exclude_none=True) for limit in request.limits]
-    data["goals"] = limits if request.only_own else data["goals"] + limits
+    off_axis = [limit for limit in limits_for_study(design) if "field" in limit]
+    data["goals"] = (limits if request.only_own else data["goals"] + limits) + off_axis
     if not request.calibrated:
         data["compensators"] = []
     plan, study, grades = tolerance_plan(data, design)
@@ -115,6 +116,8 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     missed = missed_words(required_of(design, built))
     missed = in_words(f"As built, uncalibrated, it misses its [required]: {missed}.") if missed else ""
     told = (missed, depth_sentence(depth, plan), left_out, loose_words(plan), impossible_words(variant))
+    held = [USUAL_LIMITS] * (not request.only_own) + [_limit_words(limit) for limit in request.limits]
+    held += ["what [required] asks for off the axis"] * bool(off_axis)
     return ToleranceResult(
         grade=request.grade,
         share=own,
@@ -125,7 +128,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
         curve=tuple(curve),
         question=f"{trials:,} Monte Carlo units (builds) to the grade '{study.grade}', the decoder {decoder}. A build "
         "is good with: "
-        f"{'; '.join([USUAL_LIMITS] * (not request.only_own) + [_limit_words(limit) for limit in request.limits])}. "
+        f"{'; '.join(held)}. "
         f"{' '.join(filter(None, told))}",
     )
 
@@ -133,7 +136,11 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
 def _label(column: str) -> str:
     """A column in words, its field by name: ``fill_factor@2``."""
     name, _, number = column.partition("@")
-    return f"{in_words(name)}, {PLACES[int(number)]}" if number else in_words(name)
+    if not number:
+        return in_words(name)
+    beyond = int(number) - len(PLACES)
+    place = PLACES[int(number)] if beyond < 0 else f"place {beyond + 1} off the axis of [required]"
+    return f"{in_words(name)}, {place}"
 
 
 def _limit_words(limit: MetricGoal) -> str:

@@ -59,11 +59,11 @@ def depth_error_at_fields(images: MicrolensImages) -> Number:
     return np.asarray(_errors_at_fields(images, (NOTHING,))[0])
 
 
-def _errors_at_fields(images: MicrolensImages, besides: tuple[Beside, ...]) -> Array:
-    """`depth_error_at_fields` in each of several noises, shape (noises, fields, builds)."""
+def _errors_at_fields(images: MicrolensImages, besides: tuple[Beside, ...], at: Depth = None) -> Array:
+    """`depth_error_at_fields` in each of several noises, or `at` a distance; shape (noises, fields, builds)."""
     c = images.camera
-    error = disparity_sigmas(images, seen_at(c, None), besides)
-    sigma = light_field.depth_sigma(c, c.seen.gap, error) * c.focus.depth
+    error = disparity_sigmas(images, seen_at(c, at), besides)
+    sigma = light_field.depth_sigma(c, depth_at(c, at), error) * plane_at(c, at).depth
     # Views set apart along the field's radius and across it tell of depth as much less as a mapping stretches slopes.
     along, across = light.field_stretch(c, np.hypot(images.microlens[0], images.microlens[1]))
     return sigma * np.sqrt(2 / (along**-2.0 + across**-2.0))
@@ -147,10 +147,13 @@ def expected_error(c: Camera, at: Depth | Array) -> Array:
     return np.hypot(noise + overlap_error(c), 0.0 if warmth is None else warmth)
 
 
-def errors_at_fields(images: MicrolensImages, *, bound: bool = True) -> tuple[Array, ...]:
-    """`depth_error_at_fields`, where the `bound` is asked for, and the combined standard uncertainty, of one signal."""
-    warmth = temperature_error(images.camera, None)
-    *noise, expected = _errors_at_fields(images, (*((NOTHING,) if bound else ()), Beside.of(images.camera)))
+def errors_at_fields(images: MicrolensImages, at: Depth = None, *, bound: bool = True) -> tuple[Array, ...]:
+    """`depth_error_at_fields`, where the `bound` is asked for, and the combined standard uncertainty, of one signal.
+
+    At the focal plane, or `at` a distance ahead of the tip [mm].
+    """
+    warmth = temperature_error(images.camera, at)
+    *noise, expected = _errors_at_fields(images, (*((NOTHING,) if bound else ()), Beside.of(images.camera)), at)
     return *noise, np.hypot(expected + overlap_error(images.camera), 0.0 if warmth is None else warmth)
 
 

@@ -94,6 +94,43 @@ def focus_ahead(c: Camera) -> Array:
     return np.asarray(c[PATHS["d_f"]] - c.tip)
 
 
+def feet(field: SensorField) -> tuple[Place, ...]:
+    """Places of the field's four sides that are nearest to the lens's axis, left, right, below and above [mm]."""
+    (x0, y0), (x1, y1) = field
+    nothing = np.zeros_like(x0)
+    return (x0, nothing), (x1, nothing), (nothing, y0), (nothing, y1)
+
+
+def round_within(field: SensorField, off: Array) -> Array:
+    """Least of what chief rays of the field's `feet` are off the axis, shape (4, ...); 0 where that lies outside."""
+    (x0, y0), (x1, y1) = field
+    inside = np.stack(np.broadcast_arrays(-x0, x1, -y0, y1)).reshape(
+        4, *[1] * (off.ndim - 1 - np.ndim(x0)), *np.shape(x0)
+    )
+    return np.asarray(np.where(inside > 0, off, 0.0).min(axis=0))
+
+
+def off_axis(directions: Array) -> Array:
+    """Angle to the axis of unit vectors, shape (..., 3) [rad]."""
+    return np.asarray(np.arctan2(np.hypot(directions[..., 0], directions[..., 1]), directions[..., 2]))
+
+
+def round_field_of_view(c: Camera, field: SensorField) -> Array:
+    """Full angle of the widest cone about the axis all of which the sensor sees, from the entrance pupil [degrees]."""
+    return np.rad2deg(2 * round_within(field, off_axis(_of_feet(c, field).directions)))
+
+
+def round_object_radius(c: Camera, field: SensorField, ahead: Number | None) -> Array:
+    """Radius of the largest circle about the axis all of which the sensor sees, `ahead` of the tip or in focus [mm]."""
+    met = _of_feet(c, field).on_plane(c.tip + (focus_ahead(c) if ahead is None else ahead))
+    return round_within(field, np.hypot(*met))
+
+
+def _of_feet(c: Camera, field: SensorField) -> ChiefRays:
+    x, y = (np.stack(np.broadcast_arrays(*axis, np.empty(c.shape))[:-1]) for axis in zip(*feet(field), strict=True))
+    return chief_rays(c, (x, y))
+
+
 def direction_of_view(c: Camera, field: SensorField) -> Array:
     """Angle between the tube's axis and the chief ray of the field's middle, folds of the axis included [degrees]."""
     (x0, y0), (x1, y1) = field

@@ -15,6 +15,13 @@ from ..toml_files import parse_toml, read_toml
 from .quantities import quantity_named
 from .quantity import Quantity
 
+KEYS = ("field", "object_height", "field_angle")
+PLACES = 'field = "corner", object_height = "5 mm" or field_angle = "30 deg"'
+"""Ways to say where off the axis something is required."""
+AT_FIELD = {"sigma_z_at_field_mm": "sigma_z_mm", "u_z_at_field_mm": "u_z_mm"}
+"""Quantities of single fields, and those that stand for them in what is required."""
+OFF_AXIS = ("detail_lp_per_mm", *AT_FIELD.values())
+"""Quantities of the axis that are known off it as well, at all distances."""
 Limits = tuple[Required, Quantity, float | None, float | None]
 """Limits that a file states, as it states them and read: the quantity, the least and the largest value."""
 
@@ -88,10 +95,10 @@ def _read(required: Iterable[Required]) -> tuple[list[Limits], list[Problem]]:
 
 def _apart(read: Iterable[Limits]) -> Iterator[Problem]:
     """Faults of limits of a list that contradict each other at one place."""
-    together: dict[tuple[str, float | None, str | None], list[Limits]] = {}
+    together: dict[tuple[object, ...], list[Limits]] = {}
     for one in read:
-        together.setdefault((one[1].name, one[0].at, one[0].field), []).append(one)
-    for (name, at, _), several in together.items():
+        together.setdefault((one[1].name, *one[0].where), []).append(one)
+    for (name, at, *_), several in together.items():
         low = max((low for _, _, low, _ in several if low is not None), default=None)
         high = min((high for *_, high in several if high is not None), default=None)
         if fault := several[0][1].fault_of_limits(low, high):
@@ -100,8 +107,14 @@ def _apart(read: Iterable[Limits]) -> Iterator[Problem]:
 
 def _fault(asked: Required, quantity: Quantity, low: float | None, high: float | None) -> str:
     """Fault of limits that can be read; empty where there is none."""
-    if quantity.of is None:
-        return f"'{quantity.name}' differs from field to field; name a quantity of a whole camera (`roslf quantities`)"
-    if asked.field is not None and quantity.name != "detail_lp_per_mm":
-        return f"{quantity.name} is of the whole camera; drop field"
-    return quantity.fault_of_distance(asked.at) or quantity.fault_of_limits(low, high)
+    off = asked.off_axis is not None
+    if quantity.name in AT_FIELD:
+        return f"'{quantity.name}' is of the focal plane alone; require {AT_FIELD[quantity.name]}, which takes {PLACES}"
+    if quantity.of is None and not off:
+        return f"'{quantity.name}' differs from field to field; say where by {PLACES}"
+    if off and quantity.local is None and quantity.name not in OFF_AXIS:
+        return f"{quantity.name} is of the whole camera; drop {next(key for key in KEYS if getattr(asked, key))}"
+    if asked.at is not None and quantity.name not in OFF_AXIS and off and asked.object_height is None:
+        return f"{quantity.name} of a microlens is the same at all distances; drop at, or say where by object_height"
+    distance = "" if off and quantity.name not in OFF_AXIS else quantity.fault_of_distance(asked.at)
+    return distance or quantity.fault_of_limits(low, high)

@@ -336,6 +336,11 @@ def _centre_shift(images: MicrolensImages) -> Number:
     return ((x1 - x0) * cos + (y1 - y0) * sin) / camera.q
 
 
+ROUND_ANGLE, ROUND_RADIUS = "round_field_of_view_deg", "round_field_radius_mm"
+"""Quantities of a round field: what requires one judges the field at its rim, and not in the sensor's corners."""
+_ROUND: dict[str, Any] = {**_NEITHER, "least": 0.0}
+
+
 _EVERY = (
     # Pupils.
     Quantity(
@@ -491,6 +496,28 @@ _EVERY = (
     ),
     *_angles("entrance pupil"),
     *_angles("tip"),
+    Quantity(
+        ROUND_ANGLE,
+        "deg",
+        "full angle of the widest round field about the axis all of which the sensor sees, from the entrance pupil, in "
+        "the medium of the scene",
+        **_over_field(lambda c, _, field: field_of_view.round_field_of_view(c, field)),
+        of_rays=lambda rays, at: rays.round_field(at, angle=True),
+        label="round field of view",
+        most=180.0,
+        **_ROUND,
+    ),
+    Quantity(
+        ROUND_RADIUS,
+        "mm",
+        "radius of the largest circle about the axis all of which the sensor sees, at a distance ahead of the tip or "
+        "at the focal plane",
+        **_over_field(lambda c, at, field: field_of_view.round_object_radius(c, field, at)),
+        of_rays=lambda rays, at: rays.round_field(at, angle=False),
+        at="optional",
+        label="round field radius",
+        **_ROUND,
+    ),
     Quantity(
         "field_half_angle_deg",
         "deg",

@@ -37,6 +37,9 @@ class Rays(Protocol):
     def half_field(self, way: Way, at: Depth) -> float:
         """Half a way across the field [mm] on a plane."""
 
+    def round_field(self, at: Depth, *, angle: bool) -> float:
+        """Full angle [deg] of the widest round field, or the radius of the largest on a plane [mm]."""
+
     def detail(self, level: float, at: Depth) -> float:
         """Detail [lp/mm] of a plane that the refocused image shows with so much of its contrast; NaN of none."""
 

@@ -177,16 +177,18 @@ class _FieldLimit(NamedTuple):
         }
 
 
-def field_limit(c: Camera) -> _FieldLimit:
+def field_limit(c: Camera, field: SensorField | None = None) -> _FieldLimit:
     """Largest undistorted field of one camera, and the room left at the corner of what the sensor sees.
 
     Parameters
     ----------
     c : Camera
         One build; its tilts are left out.
+    field : SensorField, optional
+        The part of it that is judged.
     """
     bounds = np.array([max(float(bound), 0.0) for bound in undistorted_radii(c)])
-    rooms = [float(room) for room in corner_room(c)]
+    rooms = [float(room) for room in corner_room(c, field)]
     nearest, slack = int(np.argmin(rooms)), ROUNDING * float(c.D)
     first, *others = sorted(range(len(rooms)), key=lambda k: (rooms[k] >= -slack, bounds[k], rooms[k]))
     real = on_focal_plane(c, bounds).tolist()

@@ -26,6 +26,7 @@ from ..tables import BriefValue
 from ..theory.depth_budget import DepthBudget, depth_budget
 from ..theory.focused import is_focused
 from ..theory.length_covariance import LengthCovariance
+from ..theory.limits import AT_FIELD
 from ..theory.quantities import QUANTITIES, bound_note
 from ..words import listed, number, uncertainty
 from .budgets import ToleranceBudget, budget, searched_builds
@@ -46,7 +47,7 @@ from .sensitivities import (
     sensitivity,
     sobol_indices,
 )
-from .study import CALIBRATION, MOST_TRIALS, Adjuster, Study, TolerancePlan, make_plan
+from .study import CALIBRATION, MOST_TRIALS, SAME_PLACE, Adjuster, Study, TolerancePlan, make_plan
 from .summaries import Variant, correlations, summarise
 from .tally import Tally
 from .traced import notes
@@ -181,9 +182,9 @@ class StudyResult(BriefValue):
         """
         design, short = self.plan.question.design, []
         for one in required_of(design, self.built):
-            counted = _is_counted(self.final, one)
+            counted = is_limited(self.plan, self.final, one) and one.quantity != "u_z_mm"
             alone = one.met and not counted and of_builds(one)
-            share = share_that_meets(self.plan, self.final, one) if alone else Yield(int(one.met), 1)
+            share = (share_that_meets(self.plan, self.final, one) if alone else None) or Yield(int(one.met), 1)
             if share.value < self.study.yield_target and not counted:
                 met = (
                     f"{one.label} {one.limits}, which {100 * share.value:.1f} % of {share.trials:,} builds meet "
@@ -271,41 +272,49 @@ class StudyResult(BriefValue):
         return finite
 
 
-def share_that_meets(plan: TolerancePlan, final: Variant, one: Requirement) -> Yield:
-    """Share of the builds that are cameras that meet a requirement: the study's own limit, or the first of them."""
+def share_that_meets(plan: TolerancePlan, final: Variant, one: Requirement) -> Yield | None:
+    """Share of the builds that are cameras that meet a requirement: the study's own limit, or the first of them.
+
+    None where neither tells it.
+    """
     for limit in final.limits:
-        if (limit.label, limit.low, limit.high) == limit_of(one):
+        if one.quantity != "u_z_mm" and (limit.label, limit.low, limit.high) == _limit_of(plan, one):
             return limit.result
+    if not of_builds(one):
+        return None
     builds, good = first_builds(plan, MANY)
     with np.errstate(all="ignore"):  # of builds that are no cameras
         values = of_cameras(plan.question.design, QUANTITIES[one.quantity], builds.camera, one.at_mm)
     return Yield(int(np.broadcast_to(one.holds(values), good.shape)[good].sum()), int(good.sum()))
 
 
-def _is_counted(final: Variant, one: Requirement) -> bool:
-    """Whether a study's yield counts a requirement: none of what builds do not tell, as `of_builds`."""
-    return of_builds(one) and is_limited(final, one)
-
-
-def is_limited(final: Variant, one: Requirement) -> bool:
-    """Whether a study's limits, at a field or not, are as narrow as a requirement."""
-    label, low, high = limit_of(one)
-    at_fields = (limit for limit in final.limits if limit.label.partition("@")[0] == label)
-    return any(low <= limit.low and limit.high <= high for limit in at_fields)
+def is_limited(plan: TolerancePlan, final: Variant, one: Requirement) -> bool:
+    """Whether a study's limits are as narrow as a requirement: off the axis at its microlens, else anywhere."""
+    label, low, high = _limit_of(plan, one)
+    alike = (limit for limit in final.limits if label in (limit.label, limit.label.partition("@")[0]))
+    return any(low <= limit.low and limit.high <= high for limit in alike)
 
 
 def of_builds(one: Requirement) -> bool:
-    """Whether a study's builds, of a real lens thin-lens models, tell how many of them meet a requirement.
+    """Whether any builds, of a real lens thin-lens models, tell how many of them meet a requirement.
 
-    They do not tell how far lengths are off of depth, expected, and nothing off the field's middle.
+    They do not tell how far lengths are off of depth, expected, and nothing off the field's middle, which a study's own
+    limits may hold.
     """
     return one.quantity != "u_z_mm" and one.field is None
 
 
-def limit_of(one: Requirement) -> tuple[str, float, float]:
-    """Label of a study's column of the quantity, and the ends that are required."""
+def _limit_of(plan: TolerancePlan, one: Requirement) -> tuple[str, float, float]:
+    """Label of a study's column of the quantity, empty where it has none, and the ends that are required."""
     low, high = -math.inf if one.min is None else one.min, math.inf if one.max is None else one.max
-    return Column(one.quantity, None, one.at_mm).label, low, high
+    if one.field is None:
+        return Column(one.quantity, None, one.at_mm).label, low, high
+    name = {whole: at_field for at_field, whole in AT_FIELD.items()}.get(one.quantity, one.quantity)
+    place, fields = one.x_ml_mm, plan.question.fields
+    if place is None or (name in AT_FIELD and one.at_mm is not None):
+        return "", low, high
+    here = (k for k, at in enumerate(fields) if math.dist(at, place) < SAME_PLACE)
+    return next((Column(name, k).label for k in here), ""), low, high
 
 
 def reach_of(p: Perturbation, kind: str) -> float:

@@ -53,7 +53,7 @@ def test_limits_are_held_against_what_the_tables_say():
         "unit": "mm", "met": True,
         "counts": "of shot and read noise and view mismatch, without lengths as built and temperature",
         "only": "as drawn", "remedy": AS_BUILT, "thin_twin": None, "field": None,
-        "caution": "",
+        "caution": "", "x_ml_mm": None,
     }  # fmt: skip
     assert told[3]["value"] is None  # infinite
     assert told[3]["met"]

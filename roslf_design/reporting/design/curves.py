@@ -221,7 +221,9 @@ def _asked_of_depth(design: Design, curve: _DepthCurve) -> tuple[list[Mark], lis
     others = dict.fromkeys(drawn)
     for asked, quantity, _, most in limits(design):
         at = curve.focus if asked.at is None else asked.at
-        if quantity.name not in told or most is None or not curve.distance[0] <= at <= curve.distance[-1]:
+        if asked.off_axis is not None or quantity.name not in told or most is None:
+            continue
+        if not curve.distance[0] <= at <= curve.distance[-1]:
             continue
         symbol, values, here = told[quantity.name]
         value = here if asked.at is None else float(np.interp(at, curve.distance, values))

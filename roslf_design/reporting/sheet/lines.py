@@ -178,8 +178,7 @@ class BuildSpread(NamedTuple):
     def judged(self, one: Requirement) -> Requirement:
         """Requirement with the share of builds that meet it: met as drawn, no more, below the target yield."""
         share, words, only, remedy = 1.0, "of the nominal design", one.only, one.remedy
-        if of_builds(one):
-            meeting = share_that_meets(self.plan, self.final, one)
+        if (meeting := share_that_meets(self.plan, self.final, one)) is not None:
             share, words = meeting.value, f"{number(100 * meeting.value, 4)} % of {meeting.trials:,} builds meet it"
         if one.met and share < self.target:
             only = clauses("as drawn", only, by=", ")
@@ -189,9 +188,11 @@ class BuildSpread(NamedTuple):
 
     def uncounted(self, required: Sequence[Requirement]) -> str:
         """Sentences on what is required and no limit of the study holds, or holds with the builds' own values."""
-        lacking = [one.label for one in required if not is_limited(self.final, one)]
+        lacking = [one.label for one in required if not is_limited(self.plan, self.final, one)]
         otherwise = [
-            f"{one.label} (lengths as drawn)" for one in required if one.label not in lacking and not of_builds(one)
+            f"{one.label} (lengths as drawn)"
+            for one in required
+            if one.label not in lacking and one.quantity == "u_z_mm"
         ]
         left_out = f"{OWN_LIMITS}{listed(lacking)}, as required. " if lacking else ""
         return left_out + (f"{OWN_VALUES}{listed(otherwise)}. " if otherwise else "")
@@ -382,7 +383,8 @@ def _part_words(sheet: Specification, camera: Camera) -> str:
 def _required_lines(required: Iterable[Requirement]) -> Iterator[_SheetLine]:
     """Lines on what the design file asks for, met or not, with the mark of a warning where met with a reservation."""
     for one in required:
-        of, own = None, "" if one.quantity == "u_z_mm" or one.at_mm is not None else one.quantity
+        whole = one.at_mm is None and one.field is None and one.quantity != "u_z_mm"
+        of, own = None, one.quantity if whole else ""
         if of_builds(one) and one.at_mm is not None:
             of = partial(_at_distance, QUANTITIES[one.quantity], one.at_mm, 1.0)
         mark = f"{MARKS['limit']} " if one.met and one.only else ""

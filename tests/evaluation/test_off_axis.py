@@ -1,0 +1,182 @@
+"""What is required off the axis, and of a round field: closed forms of a thin lens, and of images that nothing cuts."""
+
+import math
+
+import numpy as np
+import pytest
+
+import roslf_design as roslf
+from roslf_design.camera import Camera
+from roslf_design.design import DesignError, dumps, loads
+from roslf_design.design.files import preset_path
+from roslf_design.evaluation.fields import default_fields
+from roslf_design.evaluation.required import limits_for_study
+from roslf_design.tolerancing.result import analyse, share_that_meets
+from roslf_design.tolerancing.run import tally_chunk
+from roslf_design.tolerancing.study import make_plan, read_study
+
+PLAIN = preset_path("rigid-scope").read_text()
+
+
+def asked(text, plain=PLAIN):
+    return loads(f"{plain}\n[required]\n{text}\n")
+
+
+def slope(design, place):
+    """Slope of a microlens's chief ray before a thin lens: through the middle of the FAP, d_3 before it."""
+    # Height on the lens is u d_3, slope behind it u - u d_3/f, height on the array that after d_1.
+    return math.hypot(*place) / abs(design.d_3 + design.d_1 * (1 - design.d_3 / design.f))
+
+
+@pytest.mark.parametrize("at", [None, 8.0, 20.0])
+def test_a_height_on_the_object_belongs_to_the_microlens_whose_chief_ray_meets_it(at):
+    plane = "" if at is None else f'at = "{at} mm", '
+    design = asked(f'detail_lp_per_mm = {{{plane}object_height = "3 mm", min = 0.1}}')
+    (told,) = roslf.evaluate(design).required
+    tip = float(Camera.of(design).tip)
+    away = design.d_f - design.d_3 if at is None else tip + at - design.d_3
+    assert slope(design, told.x_ml_mm) * away == pytest.approx(3.0, rel=1e-6)
+    assert told.met
+
+
+def test_an_angle_off_the_axis_has_its_cos_to_the_fourth_of_light():
+    design = asked('relative_illumination = [{field_angle = "20 deg", min = 0.7}, {field_angle = "20 deg", min = 0.8}]')
+    met, missed = roslf.evaluate(design).required
+    assert math.atan(slope(design, met.x_ml_mm)) == pytest.approx(math.radians(20), rel=1e-6)
+    assert met.value == missed.value == pytest.approx(math.cos(math.radians(20)) ** 4, rel=1e-6)
+    assert (met.met, missed.met) == (True, False)
+    assert met.verdict.text.startswith("as required: relative illumination 20 deg off the axis is 0.7797")
+
+
+def test_close_to_the_axis_all_is_as_on_it():
+    place = 'at = "15 mm", object_height = "1 nm"'
+    design = asked(
+        f'u_z_mm = [{{at = "15 mm", max = 1}}, {{{place}, max = 1}}]\n'
+        f'sigma_z_mm = [{{at = "15 mm", max = 1}}, {{{place}, max = 1}}]\n'
+        f'detail_lp_per_mm = [{{at = "15 mm", min = 1}}, {{{place}, min = 1}}]'
+    )
+    pairs = roslf.evaluate(design).required
+    for on_axis, off in zip(pairs[::2], pairs[1::2], strict=True):
+        assert off.value == pytest.approx(on_axis.value, rel=1e-5)
+
+
+def test_depth_and_detail_off_the_axis_in_focus_are_those_of_its_microlens():
+    design = asked('u_z_mm = {object_height = "8 mm", max = 1}\ndetail_lp_per_mm = {field = "corner", min = 0.1}')
+    depth, detail = roslf.evaluate(design).required
+    (field,) = roslf.evaluate(design, fields=[depth.x_ml_mm]).fields
+    assert depth.value == pytest.approx(field.u_z_mm, rel=1e-9)
+    rows = [row for row in roslf.specification(design).resolution if row.plane == "focal plane"]
+    assert detail.value == max(rows, key=lambda row: math.hypot(*row.x_ml_mm)).usable_lp_per_mm
+
+
+def test_what_the_sensor_does_not_see_is_none_and_says_how_far_it_sees():
+    design = asked('relative_illumination = {object_height = "50 mm", min = 0.1}')
+    result = roslf.evaluate(design)
+    (told,) = result.required
+    assert (told.value, told.met, told.x_ml_mm) == (None, False, None)
+    sees = result.non_distortion.field_half_diagonal_mm
+    assert f"to {sees:.4g} mm in its corner" in told.remedy
+    assert limits_for_study(design) == ()
+
+
+def test_behind_a_real_lens_the_place_is_that_of_traced_rays():
+    plain = preset_path("paper-singlet").read_text()
+    corner = roslf.specification("paper-singlet").field[-1]
+    design = asked(f'distortion_percent = {{object_height = "{corner.x0_mm!r} mm", max = 100}}', plain)
+    (told,) = roslf.evaluate(design, fields=[]).required
+    np.testing.assert_allclose(told.x_ml_mm, corner.x_ml_mm, rtol=1e-5)
+    assert told.value == pytest.approx(corner.distortion_percent, rel=1e-3)
+
+
+def test_a_round_field_is_as_wide_as_the_sensor_is_high_on_its_nearer_side():
+    design = asked('round_field_of_view_deg = {min = 30}\nround_field_radius_mm = {at = "10 mm", min = 3}')
+    angle, radius = roslf.evaluate(design).required
+    assert angle.value == pytest.approx(roslf.evaluate(design).answer.field_of_view_deg.height, rel=1e-12)
+    away = float(Camera.of(design).tip) + 10.0 - design.d_3
+    assert radius.value == pytest.approx(math.tan(math.radians(angle.value / 2)) * away, rel=1e-9)
+    up = design.replace({"sensor.decentre": ["0 mm", "0.1 mm"]})
+    lower = design.replace({"sensor.size": [design.sensor.size[0], design.sensor.size[1] - 0.2]})
+    values = [float(roslf.quantity("round_field_of_view_deg")(Camera.of(one))) for one in (up, lower)]
+    assert values[0] == pytest.approx(values[1], rel=1e-9)
+
+
+def test_of_a_round_field_the_corners_of_the_sensor_do_not_matter():
+    """A main lens so wide that it cuts the corners alone: cut without a round field, whole and lit with one."""
+    plain, field = loads(PLAIN), roslf.quantity("undistorted_field_mm")
+    low, high = (float(roslf.quantity(f"field_half_{way}_mm")(Camera.of(plain))) for way in ("height", "diagonal"))
+    narrow = min(
+        (plain.replace({"main_lens.diameter": float(diameter)}) for diameter in np.linspace(0.2, 3.0, 400)),
+        key=lambda one: abs(float(field(Camera.of(one))) - (low + high) / 2),
+    )
+    assert low < float(field(Camera.of(narrow))) < high
+    angle = 0.99 * float(roslf.quantity("round_field_of_view_deg")(Camera.of(narrow)))
+    text = dumps(narrow)
+    cut, whole = roslf.evaluate(narrow), roslf.evaluate(asked(f"round_field_of_view_deg = {{min = {angle}}}", text))
+    verdicts = [{one.name: one for one in result.verdicts} for result in (cut, whole)]
+    assert [one["field_undistorted"].ok for one in verdicts] == [False, True]
+    assert "rim of the round field" in verdicts[1]["field_undistorted"].text
+    light = math.cos(math.radians(angle / 2)) ** 4
+    assert whole.answer.corner_light == pytest.approx(light, rel=1e-6)
+    assert "the rim of the round field gets" in verdicts[1]["corner_lit"].text
+    assert whole.required[0].met
+    assert any(row[0] == "light at the rim of the round field" for row in whole.answer.rows)
+
+
+def test_a_round_field_that_is_dark_at_its_rim_is_missed():
+    design = asked("round_field_of_view_deg = {min = 30}").replace(
+        {"main_lens.diameter": 0.4, "aperture.distance": 2.0}
+    )
+    (told,) = roslf.evaluate(design).required
+    assert not told.met
+    assert "dark at the edge" in told.counts
+
+
+def test_studies_hold_it_at_the_microlens_that_sees_it():
+    """Light there is cos^4 of the chief ray's angle, which the array's distance alone moves."""
+    design = asked(
+        'relative_illumination = {field_angle = "20 deg", min = 0.778}\n'
+        'u_z_mm = {field_angle = "20 deg", max = 100}\ndetail_lp_per_mm = {field_angle = "20 deg", min = 3}'
+    )
+    perturb = [{"place": "microlens_array.distance", "tolerance": "30 um", "distribution": "uniform"}]
+    data = {"name": "off axis", "design": "", "trials": 300, "sobol_samples": 0, "perturb": perturb}
+    study, _, grades = read_study(data, design=design)
+    plan = make_plan(study, design, grades)
+    light, depth, detail = roslf.evaluate(design).required
+    assert (light.met, depth.met, detail.met) == (True, True, False)
+    assert plan.question.fields[3] == pytest.approx(light.x_ml_mm, rel=1e-12)
+    assert [plan.columns[limit.column].label for limit in plan.limits] == [
+        "relative_illumination@3",
+        "u_z_at_field_mm@3",
+    ]
+    result = analyse(plan, study, grades, tally_chunk(plan, 0))
+    d_1 = design.d_1 + 0.03 * plan.draws.deviations(plan.draws.uniforms(0, plan.chunk, 0, 300))[0]
+    slopes = math.hypot(*light.x_ml_mm) / (design.d_3 + d_1 * (1 - design.d_3 / design.f))
+    good = np.mean(np.cos(np.arctan(slopes)) ** 4 >= 0.778)
+    assert 0.1 < good < 0.9
+    assert share_that_meets(plan, result.final, light).value == good
+    assert share_that_meets(plan, result.final, depth) is None  # lengths as built are not in it
+    (short,) = (words for words, share in result.short_of if share == 0)  # detail is none of the yield's
+    assert short.startswith(detail.label)
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ('detail_lp_per_mm = {min = 1, field = "edge", object_height = "1 mm"}', "field and object_height are two"),
+        ('outer_diameter_mm = {max = 4, field_angle = "3 deg"}', "is of the whole camera; drop field_angle"),
+        ("relative_illumination = {min = 0.3}", "differs from field to field; say where by field"),
+        ('u_z_at_field_mm = {max = 1, field = "corner"}', "require u_z_mm, which takes"),
+        ('kept_fraction = {min = 1, field = "corner", at = "5 mm"}', "the same at all distances; drop at"),
+        ('kept_fraction = {min = 1, field_angle = "200 deg"}', "above 0 and below 180 deg"),
+    ],
+)  # fmt: skip
+def test_faults_name_the_key(text, fault):
+    with pytest.raises(DesignError, match=fault):
+        roslf.evaluate(asked(text))
+
+
+def test_default_fields_stay_where_no_round_field_is_required():
+    plain = loads(PLAIN)
+    (_, _), (x, _), (u, v) = default_fields(asked("round_field_of_view_deg = {min = 30}"))
+    assert x == pytest.approx(math.hypot(u, v), rel=1e-12)
+    assert math.hypot(*default_fields(plain)[2]) > x
