@@ -15,6 +15,7 @@ from ..effects.effect import UNIT_WORDS
 from ..effects.lens import EFFECTS
 from ..effects.plan import PlannedEffect
 from ..json_data import plain
+from ..options import Distance, check_distances
 from ..tables import Table, plain_text, print_table
 from ..theory.depth_budget import COVERAGE, KINDS, BudgetTerm, DepthBudget
 from ..theory.focused import FocusedArray
@@ -45,6 +46,13 @@ SYMBOLS = (
     "behind that, the focal plane d_f before the lens; H = d_f/(d_f - d_3). Other words: docs/glossary.md."
 )
 """Symbols of all tables, explained once."""
+
+AT_DISTANCES: dict[str, tuple[str, float]] = {
+    "u_z_mm": ("u_z_mm", 1.0),
+    "detail_lp_per_mm": ("usable_lp_per_mm", 1.0),
+    **{f"field_half_{way}_mm": (f"{way}_mm", 0.5) for way in ("width", "height", "diagonal")},
+}
+"""Quantities that an evaluation holds at distances: their names there, and what share of these they are."""
 
 
 @dataclass(frozen=True)
@@ -106,15 +114,39 @@ class Evaluation:
         """Numbers of a group; the evaluation itself where it has no name."""
         return getattr(self, name) if name else self
 
-    def value(self, quantity: Quantity | str) -> Any:
-        """Value of a quantity that is `evaluated`, or of its name; of u_z_mm in focus (elsewhere `answer.at`)."""
+    def value(self, quantity: Quantity | str, at: Distance | None = None) -> Any:
+        """Value of a quantity that is `evaluated`, or of its name; u_z_mm of the focal plane.
+
+        Depth, expected, field and detail also `at` a distance ahead of the tip that was evaluated, and as its tables
+        have them: of rays behind a real lens; None where nothing tells it.
+
+        Raises
+        ------
+        InputError
+            A distance that is none.
+        ValueError
+            A quantity that it does not hold, or holds at no such distance.
+        """
         quantity = quantity_named(quantity) if isinstance(quantity, str) else quantity
+        if at is not None:
+            return self._at_distance(quantity.name, check_distances(at)[0])
         if quantity.name == "u_z_mm":
             return float(self.depth_budget.u_z_mm)
         if quantity.evaluated is None:
             name = quantity.name
             raise ValueError(f"holds no {name}; ask roslf.quantity({name!r}) of roslf.Camera.of(design)")
         return getattr(self.group(quantity.evaluated.under), quantity.evaluated.key or quantity.name)
+
+    def _at_distance(self, name: str, at: float) -> Any:
+        if name not in AT_DISTANCES:
+            known = f"{', '.join(AT_DISTANCES)} are held at distances"
+            raise ValueError(f"holds no {name} at {at:g} mm ({known}); ask roslf.quantity({name!r}, at={at:g})")
+        for plane in self.answer.at:
+            if math.isclose(plane.at_mm, at, rel_tol=1e-9):
+                key, share = AT_DISTANCES[name]
+                value = getattr(plane, key)
+                return value if value is None else share * value
+        raise ValueError(f"was not evaluated at {at:g} mm; give it to roslf.evaluate(design, at={at:g})")
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON object of `roslf evaluate --json`; infinite values are None, what all is air has no object space."""

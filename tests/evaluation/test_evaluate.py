@@ -17,6 +17,7 @@ from roslf_design.catalogue.entries import other_focal_length
 from roslf_design.cli import main
 from roslf_design.commands.report import maker
 from roslf_design.design import DesignError
+from roslf_design.errors import InputError
 from roslf_design.evaluation.fields import evaluate_fields, rays_for
 from roslf_design.evaluation.groups import Numbers, RayBudget, Share
 from roslf_design.evaluation.result import budget_table, seen_table
@@ -708,6 +709,22 @@ def test_microlenses_without_neighbours_make_no_light_field_camera(across, enoug
     (verdict,) = (verdict for verdict in result.verdicts if verdict.name == "views_resolved")
     assert result.has_views == enough
     assert ("microlens_array.pitch, 63 um" in verdict.remedy) != enough
+
+
+def test_an_evaluation_s_values_at_a_distance_are_those_of_the_quantities_there():
+    result, camera = roslf.evaluate("paper", at=200.0), Camera.of(roslf.load("paper"))
+    for name in ("u_z_mm", "detail_lp_per_mm", "field_half_width_mm", "field_half_diagonal_mm"):
+        expected = float(roslf.quantity(name, at=200.0)(camera))
+        assert result.value(name, at="200 mm") == pytest.approx(expected, rel=1e-6)  # detail is searched for twice
+    assert result.value("u_z_mm", at=result.answer.at[0].at_mm) == result.value("u_z_mm")
+    with pytest.raises(ValueError, match=r"was not evaluated at 210 mm; give it to roslf.evaluate\(design, at=210\)"):
+        result.value("u_z_mm", at=210.0)
+    with pytest.raises(
+        ValueError, match=r"holds no sigma_z_mm at 200 mm .*; ask roslf.quantity\('sigma_z_mm', at=200\)"
+    ):
+        result.value("sigma_z_mm", at=200.0)
+    with pytest.raises(InputError, match="not ahead of the bore's tip"):
+        result.value("u_z_mm", at=-1.0)
 
 
 def test_a_distance_asked_for_twice_or_in_focus_stands_once():
