@@ -14,6 +14,7 @@ from ..catalogue import KINDS, Kind, load_catalogue, parse_condition, read_condi
 from ..catalogue.entries import NAMED
 from ..lenses.glass import catalogue as materials
 from ..lenses.lens_file import shipped_names
+from ..lenses.solid import opaque_solids
 from ..tables import Table, print_table
 from .terminal import Json, Repeated, json_text, say
 
@@ -54,7 +55,7 @@ def catalogue(
     every = list(rows(known, kind or KINDS))
     chosen = [row for row in every if all(condition(row) for condition in conditions.values())]
     if json:
-        print(json_text({"schema": "roslf.catalogue/1", "parts": chosen, "prescriptions": TRACED}))
+        print(json_text({"schema": "roslf.catalogue/1", "parts": chosen, "prescriptions": TRACED, "solids": _solids()}))
         return
     from rich.console import Console
 
@@ -76,6 +77,14 @@ def catalogue(
         if lines:
             heads = ("part", "maker", *(key.replace("_", " ") for key in shown), "confidence", "note")
             print_table(Table(tuple(lines), "l" * len(heads), heads, name.replace("_", " ")), console)
+    if whole := kind is None and not conditions:
+        heads = ("solid", "taken as", "other names", "expansion", "note")
+        lines = []
+        for solid in _solids():
+            notes += [solid["source"]] * (solid["source"] not in notes)
+            grown, note = f"{1e6 * solid['expansion_per_k']:.4g}e-6 /K", str(1 + notes.index(solid["source"]))
+            lines.append((solid["name"], solid["grade"], ", ".join(solid["also"]), grown, note))
+        print_table(Table(tuple(lines), "l" * len(heads), heads, "solids of housings and packages"), console)
     first = {row["kind"]: row["part"] for row in chosen[::-1]}
     if first:
         print("\nA design that names a part has from it what its own table leaves out:")
@@ -88,7 +97,7 @@ def catalogue(
         say(f"{number}  {note}")
     if any(row["kind"] == "lenses" for row in chosen):
         print("\nLenses with a prescription are traced behind main_lens.prescription; of the others f and D are known.")
-    if kind is None and not conditions:
+    if whole:
         print(
             f"\nMaterials by name: {', '.join(sorted({glass.name for glass in materials().values()}, key=str.lower))}."
         )
@@ -96,6 +105,24 @@ def catalogue(
         for text, condition in conditions.items():
             say(f'"{text}" holds for {sum(map(condition, every))} of {len(every)} parts{_theirs(every, text)}')
     print(f"\n{len(chosen)} part{'s' * (len(chosen) != 1)}. Add your own with --file, or in a study.")
+
+
+def _solids() -> list[dict[str, Any]]:
+    """Solids of housings by name, with their other names, expansion and source; glasses have theirs as materials."""
+    each: dict[str, list[str]] = {}
+    known = opaque_solids()
+    for name, solid in known.items():
+        each.setdefault(f"{solid.expansion!r} {solid.source}", []).append(name)
+    return [
+        {
+            "name": (own := known[names[0]]).name,
+            "grade": own.grade,
+            "also": names[1:],
+            "expansion_per_k": own.expansion,
+            "source": own.source,
+        }
+        for names in each.values()
+    ]
 
 
 def _head(place: str) -> str:

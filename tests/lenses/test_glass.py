@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from importlib.resources import files
 
@@ -150,6 +151,24 @@ def test_a_name_like_none_is_answered_by_a_few_and_by_what_lists_all(capsys):
     assert main(["catalogue"]) == 0
     listed = capsys.readouterr().out.partition("Materials by name: ")[2].partition(".\n")[0].replace("\n", " ")
     assert {find_glass(name) for name in listed.split(", ")} == set(catalogue().values())
+
+
+def test_the_catalogue_lists_solids_by_every_name_with_expansion_and_source(capsys):
+    data = tomllib.loads(files("roslf_design.lenses").joinpath("solids.toml").read_text("utf-8"))
+    assert main(["catalogue"]) == 0
+    printed = capsys.readouterr().out
+    table = printed.partition("solids of housings")[2].partition("\n\n")[0].lower()
+    assert main(["catalogue", "--json", "--kind", "windows"]) == 0
+    told = {solid["name"]: solid for solid in json.loads(capsys.readouterr().out)["solids"]}
+    assert told.keys() == data["solids"].keys()
+    for name, solid in data["solids"].items():
+        (line,) = (line for line in table.splitlines() if line.startswith(f"{name} "))
+        assert all(other.lower() in line for other in solid.get("also", ()))
+        assert f"{1e6 * solid['cte']:.4g}e-6 /k" in line
+        assert told[name]["expansion_per_k"] == solid["cte"]
+        assert told[name]["source"] == data["sources"][solid["source"]]
+        assert " ".join(told[name]["source"].split()) in " ".join(printed.split())
+        assert {find_solid(other).expansion for other in told[name]["also"]} <= {solid["cte"]}
 
 
 @pytest.mark.parametrize("wave", [0.299e-3, 2.501e-3, -0.5e-3, 0.0, np.nan, np.inf])
