@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
+from roslf_design.evaluation.remedies import MATCH
 from roslf_design.evaluation.required import required_of
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.units import parse_quantity
@@ -48,6 +49,37 @@ def test_every_remedy_of_a_limit_holds_it_as_typed(number, name):
             assert after.met, (quantity.name, limits, changes, after.value)
             told += 1
     assert told > 1
+
+
+WAY = re.compile(
+    r"\b(d_2|D_F|d_3) = ([\d.e-]+ mm)(?: with f_ml = [\d.e-]+ mm)?(?: \[spoils ([^\]:]+)(?:: image fill ([\d.]+))?\])?"
+)
+
+
+@pytest.mark.parametrize("name", ["paper", "rigid-scope"])
+def test_what_a_remedy_spoils_is_what_the_changed_design_misses(name):
+    """By the length changed in the design's file, alone, and all of it judged anew."""
+    design, spoilt = roslf.load(name), set[str]()
+    camera = Camera.of(design)
+    keep = {one: float(QUANTITIES[one](camera)) for one in ("view_baseline_mm", "f_number_view", "f_number_pupil")}
+    near = {one: {"min": 0.9 * value, "max": 1.1 * value} for one, value in keep.items()}
+    wide = 1.25 * float(QUANTITIES["image_diameter_px"](camera))
+    asked = design.replace({"required": {"image_diameter_px": {"min": wide}, **near}})
+    assert [one.met for one in required_of(asked)] == [False, True, True, True]
+    ways = WAY.findall(required_of(asked)[0].remedy)
+    assert {symbol for symbol, *_ in ways} >= {"d_2", "D_F"}
+    for symbol, value, told, fill in ways:
+        after = roslf.evaluate(asked.replace({symbol: parse_quantity(value, "length")}), fields=[])
+        verdicts = {one.name: one.ok for one in after.verdicts}
+        missed = {f"{one.label} as required" for one in after.required[1:] if not one.met}
+        missed |= {MATCH} - ({MATCH} if verdicts["f_number_matched"] else set())
+        assert set(told.replace(" and ", ", ").split(", ")) - {""} == missed
+        assert (float(fill) if fill else None) == (
+            pytest.approx(after.f_number.fill_factor, rel=5e-3) if MATCH in missed else None
+        )
+        spoilt |= missed
+    assert MATCH in spoilt
+    assert len(spoilt) > 1
 
 
 @pytest.mark.parametrize("name", UNLIKE)
