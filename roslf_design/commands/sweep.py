@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,8 +28,11 @@ from .terminal import DesignName, OptionalOutput, bar, check_target, read_distan
 
 if TYPE_CHECKING:
     from ..evaluation.sweep import Sweep
+    from ..theory.quantity_table import QuantityTable
 
 KINDS = (".png", ".svg", ".csv", ".parquet")
+MARK = "roslf_sweep_point"
+"""Heading of a table's last column, the points' numbers: no table of anybody else has it."""
 POINTS, ACROSS, MOST = 101, 61, 1_000_000
 DIMENSIONS = {
     "mm": "length",
@@ -148,6 +152,11 @@ def _span(text: str, count: int) -> tuple[str, Array]:
     return place, np.linspace(ends[0], ends[1], count)
 
 
+def _marked(table: QuantityTable) -> QuantityTable:
+    """Table with the points' numbers under the mark by which a later sweep knows the file for one of ours."""
+    return replace(table, columns={**table.columns, MARK: np.arange(1, len(table) + 1)})
+
+
 def _written(swept: Sweep, kind: str, design: Design, notes: list[str]) -> bytes:
     if kind in (".png", ".svg"):
         picture = sweep_picture(swept, design.name, notes, [one for one in limits(design) if one[0].off_axis is None])
@@ -157,6 +166,6 @@ def _written(swept: Sweep, kind: str, design: Design, notes: list[str]) -> bytes
         import pyarrow.parquet
 
         sink = pyarrow.BufferOutputStream()
-        pyarrow.parquet.write_table(pyarrow.table(swept.table.headed), sink)
+        pyarrow.parquet.write_table(pyarrow.table(_marked(swept.table).headed), sink)
         return bytes(sink.getvalue())
-    return swept.table.csv()
+    return _marked(swept.table).csv()

@@ -316,6 +316,7 @@ FOREIGN = {
         b'<?xml version="1.0" encoding="utf-8"?>\n<svg xmlns="http://www.w3.org/2000/svg"/>\n',
     ),
     "s.parquet": (("sweep", "paper", "--quantity", "fill_factor", *SWEPT), None),
+    "s.csv": (("sweep", "paper", "--quantity", "fill_factor", *SWEPT), b"d_3 [mm],fill_factor\n1.0,0.5\n"),
     "own.zmx": (("export", "paper"), b"VERS 140124 258 36214\nMODE SEQ\nNAME mine\nUNIT MM X W X CM MR CPMM\n"),
     "lens.json": (("export", "paper"), b'{"version": 1.0, "name": "mine"}'),
 }

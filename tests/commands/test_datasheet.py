@@ -659,7 +659,8 @@ def test_a_sweep_in_other_units(tmp_path, capsys):
     code, _, _ = run(capsys, *arguments, "--points", "2", "-o", tmp_path / "s.csv")
     rows = list(csv.reader((tmp_path / "s.csv").read_text().splitlines()))
     assert code == 0
-    assert rows[0] == ["light.illuminance [lx]", "pixel_electrons"]
+    assert rows[0] == ["light.illuminance [lx]", "pixel_electrons", "roslf_sweep_point"]
+    assert [row[2] for row in rows[1:]] == ["1", "2"]
     assert [float(row[0]) for row in rows[1:]] == [1e4, 1e5]
 
 
