@@ -761,6 +761,8 @@ class Camera(Symbols[Number]):
         return self._images_well(), possible(self._numbers, self.chain.signed), self._fits()
 
     def _images_well(self) -> Iterator[tuple[str, Any]]:
+        for known, within in () if self.growth is None else self.growth.known(self[TEMPERATURE]):
+            yield f"a temperature outside what is known of {known}", within
         yield "f is not above 0", np.asarray(self.f) > 0
         yield "f_ml is not above 0", np.asarray(self.f_ml) > 0
         yield "no real image", self.chain.forms_image(self.f, self.seen.d_f, self.seen.d_1)

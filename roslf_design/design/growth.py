@@ -6,10 +6,12 @@ Glass grows as glass, all between parts as the housing, wherever light meets bot
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bore.chain import Chain
 from ..bore.lens import power_ratio
@@ -80,6 +82,14 @@ class Growth:
     """Glass of each index, by the index's place."""
     silent: tuple[str, ...] = ()
     """Parts that stay as they are, because nothing says what they are made of."""
+
+    def known(self, degrees: Number) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+        """Materials whose index is known at some temperatures alone [degrees C], with these, and where it is known."""
+        for glass in dict.fromkeys(glass for _, glass in self.glasses):
+            low, high = glass.warming.coldest, glass.warming.hottest
+            if math.isfinite(low) or math.isfinite(high):
+                within = np.greater_equal(degrees, low) & np.less_equal(degrees, high)
+                yield f"{glass.name} ({low:g} to {high:g} degC)", np.asarray(within)
 
     @property
     def unknown(self) -> bool:

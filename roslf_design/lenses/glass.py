@@ -139,6 +139,10 @@ class Glass:
         ------
         InputError
             A wavelength outside [shortest, longest], or not finite.
+
+        Notes
+        -----
+        NaN at temperatures at which it is not known.
         """
         length = np.asarray(wavelength, float)
         outside = ~((length >= self.shortest) & (length <= self.longest) & np.isfinite(length) & (length > 0))
@@ -156,7 +160,9 @@ class Glass:
             return index + np.zeros(warm.shape) if warm.ndim else index
         with np.errstate(all="ignore"):  # at the resonance of a law it has no value, which is told
             warmed = _warmed(self.warming, index, length * 1e3, warm)
-        if not np.all(abs(warmed - index) < MOST_WARMED):
+        known = (np.real(warm) >= self.warming.coldest) & (np.real(warm) <= self.warming.hottest)
+        warmed = np.where(known, warmed, np.nan)[()]  # of builds beyond it, which are no cameras
+        if not np.all(~known | (abs(warmed - index) < MOST_WARMED)):
             message = f"{self.name} has no index at its temperature there: its dn/dT is as at a resonance; mend it"
             raise InputError((Problem("dndt", message),))
         return warmed

@@ -33,9 +33,11 @@ from pydantic import (
 
 from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
+from ..bore.part import TEMPERATURE
 from ..camera import Camera
 from ..design import Design
 from ..design.files import expect_kind
+from ..design.growth import Growth
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..evaluation.fields import FIELD_NAMES, MOST_FIELDS, unseen
@@ -726,6 +728,15 @@ def _perturbations(
                 group=_tied(line.group, place),
                 opposed=line.opposed,
             )
+    if (warm := result.get(TEMPERATURE)) is not None and (growth := Growth.of(design)) is not None:
+        ends = np.array([warm.nominal - warm.tolerance, warm.nominal + warm.tolerance])
+        lines = (f"perturb.{k}.tolerance" for k, line in enumerate(study.perturb) if TEMPERATURE in line.place)
+        key = next(lines, "grade")
+        for known, within in growth.known(ends):
+            if not within.all():
+                reach = f"{warm.nominal:g} +- {warm.tolerance:g} degC reaches {ends[0]:g} to {ends[1]:g} degC"
+                remedy = "take a tolerance, or a temperature in [environment], that stays inside"
+                problems.append(Problem(key, f"{reach}, beyond what is known of {known}; {remedy}"))
     if not result:
         problems.append(Problem("perturb", "nothing is perturbed; name a grade or add [[perturb]] tables"))
     if all(place in result for place in CONJUGATES):

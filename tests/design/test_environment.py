@@ -1,5 +1,6 @@
 """Temperature: lengths, curvatures and indices against formulas written out here, makers' tables, and traced rays."""
 
+import re
 import tomllib
 
 import mpmath
@@ -9,14 +10,17 @@ import tomli_w
 
 from roslf_design import Camera, DesignError, evaluate, load, loads
 from roslf_design.design.files import WRITTEN, dumps
+from roslf_design.errors import InputError
 from roslf_design.lenses.glass import find_glass
 from roslf_design.lenses.lens_file import _loads_lens, load_lens, table_of
 from roslf_design.lenses.prescription import first_order
 from roslf_design.lenses.solid import find_solid
 from roslf_design.optimization import Constraint
 from roslf_design.tolerancing.metrics import Question, builds_of, evaluate_builds
+from roslf_design.tolerancing.result import analyse
+from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.sensitivities import sensitivity
-from roslf_design.tolerancing.study import tolerance_plan
+from roslf_design.tolerancing.study import make_plan, read_study, tolerance_plan
 from roslf_design.tolerancing.trials import differences
 from tests.tolerancing.alone import apart
 
@@ -269,6 +273,40 @@ def test_water_does_not_freeze_and_a_prescription_knows_its_glass():
     text = dumps(load("paper-singlet")).replace("[main_lens]", '[main_lens]\nmaterial = "N-BK7"')
     with pytest.raises(DesignError, match="the prescription says what the lens is made of"):
         loads(text)
+
+
+def test_builds_beyond_liquid_water_are_no_cameras_and_say_so():
+    camera = Camera.of(warm("cystoscope", 37)).replace({"environment.temperature": np.array([-5.0, 5.0, 120.0])})
+    assert camera.valid.tolist() == [False, True, True]
+    (words,) = (words for words, flags in camera.faults().items() if flags.any())
+    assert words == "a temperature outside what is known of water (0 to 150 degC)"
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "fault"), [("60 K", "37 +- 60 degC reaches -23 to 97 degC, beyond"), ("30 K", "")]
+)
+def test_a_study_beyond_liquid_water_is_refused_before_it_begins_or_ends(tolerance, fault):
+    """Wider tolerances than the study's own are tried at its end: what freezes is no camera there."""
+    goals = [{"quantity": "fill_factor", "min": 0.5, "max": 1.5}]
+    perturb = [{"place": "environment.temperature", "tolerance": tolerance}]
+    data = {"name": "hot", "design": "", "trials": 64, "sobol_samples": 0, "goals": goals, "perturb": perturb}
+    design = warm("cystoscope", 37)
+    if fault:
+        with pytest.raises(InputError, match=re.escape(fault)) as error:
+            read_plan(data, design)
+        assert error.value.problems[0].key == "perturb.0.tolerance"
+        assert "water (0 to 150 degC); take a tolerance" in str(error.value)
+        return
+    result = analyse(*read_plan(data, design))
+    assert "water (0 to 150 degC)" in result.allowed[0].alone_limited_by
+    assert result.allowed[0].alone == pytest.approx(37.0, rel=1e-3)
+
+
+def read_plan(data, design):
+    """Plan of a study with what its analysis takes."""
+    study, _, grades = read_study(data, design=design)
+    plan = make_plan(study, design, grades)
+    return plan, study, grades, tally_chunk(plan, 0)
 
 
 def test_lengths_before_a_real_lens_come_back_from_heat_as_they_were_written():
