@@ -36,6 +36,7 @@ from .terminal import (
     check_owner,
     json_text,
     say,
+    say_written_over,
 )
 
 
@@ -147,7 +148,9 @@ def render(
             )
         statement = replace(stated(image, way, accuracy, budget), seconds=time.perf_counter() - began)
         image = replace(image, accuracy=statement.to_dict())
+        held = target.read_bytes() if target.is_file() else b""
         written = [target, write_image(image, target, depth)]
+        say_written_over(target, held)
         if preview:
             written.append(_preview_of(target))
             write_atomically(written[-1], zooms(image).to_png(110))

@@ -251,11 +251,16 @@ def write_file(target: Path, content: bytes) -> None:
     InputError
         A page as `write_files` refuses it; a file that is no earlier one, by how it begins.
     """
-    held = target.read_bytes() if target.is_file() else content
+    held = target.read_bytes() if target.is_file() else b""
     if held and _beginning(held, target.suffix.lower()) != _beginning(content, target.suffix.lower()):
         check_owner(target, None, "")
     write_files(target.parent, {target.name: content})
-    say(*([] if held in (content, b"") else [f"roslf: {target} was there and is written over"]), error=True)
+    say_written_over(target, held)
+
+
+def say_written_over(target: Path, held: bytes) -> None:
+    """Say of a file just written that it held something else before; nothing where it held nothing, or the same."""
+    say(*([] if held in (target.read_bytes(), b"") else [f"roslf: {target} was there and is written over"]), error=True)
 
 
 def _beginning(content: bytes, kind: str) -> Any:

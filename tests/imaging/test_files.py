@@ -117,6 +117,10 @@ def test_command_writes_image_json_and_preview(tmp_path, capsys, real_pngs):
     assert "finite_microlens_aperture" in capsys.readouterr().out
     assert (tmp_path / "a.tif").read_bytes() == (tmp_path / "b.tif").read_bytes()
     assert (tmp_path / "a.json").exists()
+    said = f"roslf: {tmp_path / 'b.tif'} was there and is written over"
+    for seed, told_so in (("4", False), ("5", True)):  # the same image again, then another one
+        assert main([*common[:-1], seed, "-o", str(tmp_path / "b.tif")]) == 0
+        assert (said in capsys.readouterr().err) == told_so
     (tmp_path / "b.json").unlink()
     bench, tried = load("paper").name, (("rigid-scope", "a.tif"), ("paper", "a.tif"), ("paper", "b.tif"))
     for (design, name), held in zip(tried, (bench, bench, "something else"), strict=True):  # another scene, too
