@@ -36,6 +36,7 @@ from ..theory.quantity import Quantity, Way
 from ..theory.resolution import Direction
 from ..theory.stop_images import MicrolensImages
 from ..traced.fields import DesignImages, IdealImages, images_of
+from ..traced.images import measured_bound
 from ..words import number
 from .fields import default_fields, place_off_axis, round_radius
 from .groups import DepthAssumptions
@@ -282,6 +283,10 @@ class FieldImages:
     def half_field(self, way: Way, at: float | None) -> float:
         """Half a way across the field, as `Rays` has it [mm]."""
         return float(getattr(ObjectField.of(self.ends, self._plane(at), ASKED), f"{way}_mm")) / 2
+
+    def undistorted(self) -> float:
+        """Largest undistorted object radius, as `Rays` has it [mm]."""
+        return measured_bound(self.design)[0]
 
     def detail(self, level: float, at: float | None) -> float:
         """Detail on the axis, as `Rays` has it [lp/mm]."""

@@ -467,6 +467,7 @@ _EVERY = (
         "largest undistorted object radius at the focal plane, in the worst direction: of a traced chief ray, "
         "what rims cut to first order; infinite where any field is",
         lambda c, _: vignetting.on_focal_plane(c, vignetting.undistorted_radii(c)),
+        of_rays=lambda rays, _: rays.undistorted(),
         equation="Eq. 6",
         positive=False,
         least=0.0,

@@ -40,6 +40,9 @@ class Rays(Protocol):
     def round_field(self, at: Depth, *, angle: bool) -> float:
         """Full angle [deg] of the widest round field, or the radius of the largest on a plane [mm]."""
 
+    def undistorted(self) -> float:
+        """Largest undistorted object radius at the focal plane [mm]."""
+
     def detail(self, level: float, at: Depth) -> float:
         """Detail [lp/mm] of a plane that the refocused image shows with so much of its contrast; NaN of none."""
 

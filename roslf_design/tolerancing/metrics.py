@@ -164,7 +164,8 @@ def share_by_rays(design: Design, name: str, at: float | None) -> float | None:
     """Value that rays of a design tell of a quantity of the whole camera, over that of its thin-lens model.
 
     None of what rays do not tell, or cannot. Behind the paper's singlet builds' own rays differ from so many times
-    their thin-lens models by .03 deg and .02 mm, without it by 3 deg and 2.7 mm; detail scatters by more than that.
+    their thin-lens models by .03 deg and .02 mm, without it by 3 deg and 2.7 mm; detail scatters by more than that. Of
+    the undistorted field, there 18 % smaller than the model's, misses of FAP and array move it by .4 to .9 as much.
     """
     asked = DISTANT.get(name)  # of decoders it is no quantity of a design
     if asked is None or asked.of_rays is None or not design.main_lens.kind.mounted:

@@ -495,10 +495,8 @@ def _warnings(
         yield "non_distortion_room_mm is right to first order in tilts; kept_fraction is exact in them"
     if note := bound_note(plan.columns[limit.column].metric for limit in plan.limits):
         yield note
-    left_out = mount_of(plan.question.design).left_out
-    for name in plan.question.metrics:
-        if name in left_out:
-            yield f"{name} is not traced behind the real lens: its formula leaves out {left_out[name]}"
+    for name, left_out in plan.by_formula.items():
+        yield f"{name} is not traced behind the real lens: its formula leaves out {left_out}"
     if twins := plan.of_thin_twins:
         named = ", ".join(twins)
         yield f"of the thin-lens model, nominal and of each build (`roslf evaluate` traces field and detail): {named}"
@@ -506,7 +504,7 @@ def _warnings(
         named = ", ".join(column.label for column in plan.by_rays)
         yield (
             f"of rays through the nominal lens, from where builds change as their thin-lens models do: {named}; what "
-            "wedges and decentres of surfaces take of detail is not in it"
+            "wedges and decentres of surfaces take of detail and of the undistorted field is not in it"
         )
     moved = np.maximum(np.abs(moves.plus[0]), np.abs(moves.minus[0])) > ROUNDING * np.abs(plan.nominal)[:, None]
     for kind in ("decentre", "tilt"):

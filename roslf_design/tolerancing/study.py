@@ -52,7 +52,7 @@ from ..units import Length, in_file, read_quantity
 from ..words import number
 from .draws import Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
-from .metrics import DISTANT, METRICS, SHAPES, Column, Question, evaluate_builds, faults_of, share_by_rays
+from .metrics import DISTANT, METRICS, SHAPES, Column, Question, evaluate_builds, faults_of, mount_of, share_by_rays
 from .places import LENSLETS, SHIPPED, Grades, expand, load_grades, nominal_values, tolerance_at
 
 CALIBRATION = "calibration"
@@ -66,7 +66,7 @@ MOST_MEMORY, SOBOL_ROWS = 1 << 30, 600
 
 SAME_PLACE = 1e-9
 """Distance below which two fields are one [mm]."""
-FORMAT = 10
+FORMAT = 11
 """Raised when the same plan would give other bytes; part of the digest that guards a resumed run."""
 TIED = ": "
 """Between a group's name and the pose that its members share."""
@@ -464,6 +464,13 @@ class TolerancePlan:
             return ()
         told = (*NO_LENS_MOVES, *(column.metric for column in self.by_rays))
         return tuple(column.label for column in self.columns if column.field is None and column.metric not in told)
+
+    @property
+    def by_formula(self) -> dict[str, str]:
+        """Metrics that formulas of a thin lens tell though a real lens differs, with what these leave out, in words."""
+        told = {column.metric for column in self.by_rays}
+        left_out = mount_of(self.question.design).left_out
+        return {name: left_out[name] for name in self.question.metrics if name in left_out and name not in told}
 
     @property
     def by_rays(self) -> tuple[Column, ...]:

@@ -142,8 +142,15 @@ def headline(result: StudyResult) -> str:
     untraced = "".join(
         f"{in_words(name)} ({number(thin[name].nominal)} nominal) is judged by the thin-lens model, which `roslf "
         f"evaluate` overrules by rays: it leaves out {left_out}. "
-        for name, left_out in mount_of(plan.question.design).left_out.items()
+        for name, left_out in plan.by_formula.items()
         if name in thin
+    )
+    untraced += "".join(
+        f"{in_words(column.metric)} ({number(thin[column.metric].nominal)} nominal) is of rays through the nominal "
+        "lens; builds change from there as their thin-lens models do, by .4 to .9 of what rays through each say behind "
+        "the paper's singlet: leave it a margin, or hold non_distortion_room_mm at a field, which is traced. "
+        for column in plan.by_rays
+        if column.metric in thin and column.metric in mount_of(plan.question.design).left_out
     )
     adjusted = "" if len(result.variants) == 1 else f" ({100 * result.variants[0].result.value:.2f} % as built)"
     return (
