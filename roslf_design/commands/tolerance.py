@@ -16,6 +16,7 @@ from ..errors import Argument, refusal, with_options
 from ..reporting.blocks import Block, Paragraph
 from ..reporting.printers import page_files
 from ..reporting.tolerance.pages import (
+    believed,
     clearance_words,
     cost_words,
     depth_sentence,
@@ -150,6 +151,8 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
         yield Paragraph(lost)
     if short := short_words(result):
         yield Paragraph(short)
+    if twice := believed(result):
+        yield Paragraph(twice)
     yield Paragraph(headline(result))
     if result.left_out:
         yield Paragraph(result.left_out)

@@ -175,13 +175,32 @@ class StudyResult(BriefValue):
         return None if is_focused(camera) else depth_budget(camera, build=self.built)
 
     @cached_property
+    def required(self) -> tuple[Requirement, ...]:
+        """What the design requires, its lengths as built, as nobody calibrates them."""
+        return required_of(self.plan.question.design, self.built)
+
+    def limited_otherwise(self) -> Iterator[tuple[Requirement, tuple[float, float], Yield, Yield | None]]:
+        """What the design requires and the study limits by other ends or by other values.
+
+        Each with the study's own ends and the share that holds them, and the share that meets what is required; None
+        where builds do not tell that.
+        """
+        for one in self.required:
+            label, low, high = _limit_of(self.plan, one)
+            alike = [limit for limit in self.final.limits if label in (limit.label, limit.label.partition("@")[0])]
+            for limit in alike[:1]:
+                if (limit.low, limit.high) != (low, high) or one.quantity == "u_z_mm":
+                    shared = share_that_meets(self.plan, self.final, one)
+                    yield one, (limit.low, limit.high), limit.result, shared
+
+    @cached_property
     def short_of(self) -> tuple[tuple[str, float], ...]:
         """Requirements that the yield does not count and fewer builds meet than its target, with their shares.
 
         The share is 0 of what the nominal design misses.
         """
-        design, short = self.plan.question.design, []
-        for one in required_of(design, self.built):
+        short = list[tuple[str, float]]()
+        for one in self.required:
             counted = is_limited(self.plan, self.final, one) and one.quantity != "u_z_mm"
             alone = one.met and not counted and of_builds(one)
             share = (share_that_meets(self.plan, self.final, one) if alone else None) or Yield(int(one.met), 1)

@@ -22,6 +22,7 @@ from roslf_design.reporting.tolerance.pages import (
     _statements,
     _tolerance_section,
     _yield_statement,
+    believed,
     blame,
     clearance_words,
     interval_words,
@@ -468,6 +469,33 @@ def test_a_calibration_that_helps_no_limit_is_said_to_help_none():
     words = "calibration moves none of these limits"
     assert words in summary(analysed(data | {"compensators": [{"place": "calibration"}]}))
     assert words not in summary(analysed(data))
+
+
+def test_what_the_study_limits_otherwise_than_the_design_is_told_once_with_the_one_to_believe():
+    """Three figures of one quantity: of builds as required, by the study's own limit, and calibrated."""
+    data = {
+        "trials": 600,
+        "goals": [{"quantity": "working_distance_mm", "min": 229}, {"quantity": "u_z_mm", "at": "230 mm", "max": 40}],
+        "perturb": [{"place": "microlens_array.distance", "tolerance": "0.5 mm", "distribution": "uniform"}],
+    }
+    depth = {"at": "230 mm", "max": "1 mm"}
+    result = analysed(data, {"working_distance_mm": {"min": "229.5 mm"}, "u_z_mm": depth, "q": {"max": "1 mm"}})
+    plan = result.plan
+    d_1 = 140 + 0.5 * plan.draws.deviations(plan.draws.uniforms(0, plan.chunk, 0, 600))[0]
+    focus = 1 / (1 / 100 - 1 / d_1) - 350 + 230
+    met, held = (100 * np.mean(focus >= least) for least in (229.5, 229.0))
+    told = believed(result)
+    assert told.startswith(
+        f"Limited twice: working distance, required at least 229.5 mm: {met:.4g} % of 600 builds meet it; the study's "
+        f"own limit, at least 229 mm: {held:.4g} % of builds; depth, expected, u_Z at 230 mm, required at most 1 mm: "
+    )
+    assert "with lengths that nobody calibrates, not met; the study's own limit, at most 40 mm: 100 % of builds" in told
+    assert told.endswith("counts lengths as calibrated; the yield is by the study's own limits.")
+    head = next(block for block in _tolerance_section(result).blocks if isinstance(block, Statements)).items[0].text
+    assert head.count("Believe") == head.count("believe") + 1 == 1  # one sentence says it
+    assert told in head
+    assert " ".join(told.split()) in " ".join(summary(result).split())
+    assert believed(analysed(data, {"working_distance_mm": {"min": "229 mm"}})) == ""
 
 
 def test_the_head_names_what_is_required_and_builds_fall_short_of():

@@ -184,10 +184,32 @@ def short_words(result: StudyResult) -> str:
     told = "; ".join(words for words, _ in result.short_of)
     if not told:
         return ""
-    if QUANTITIES["u_z_mm"].label not in told:
+    if QUANTITIES["u_z_mm"].label not in told or any(result.limited_otherwise()):
         return f"Builds fall short of what the design's [required] asks for: {told}."
     better = "Of depth, once a camera is calibrated, believe the verdict with its lengths as calibrated."
     return f"Builds that nobody calibrates fall short of what the design's [required] asks for: {told}. {better}"
+
+
+def believed(result: StudyResult) -> str:
+    """Sentences on what the design requires and the study limits otherwise, and which to believe; empty for none."""
+    told, of_depth = list[str](), False
+    for one, (low, high), share, meeting in result.limited_otherwise():
+        depth = one.quantity == "u_z_mm"
+        of_depth = of_depth or depth
+        lengths = "with lengths that nobody calibrates" if depth else "nominal"
+        met = f"{one.value_words} {lengths}, {'met' if one.met else 'not met'}"
+        if meeting is not None:
+            met = f"{100 * meeting.value:.4g} % of {meeting.trials:,} builds meet it"
+        ends = {"at least": low, "at most": high}
+        own = words.listed([f"{end} {number(edge)}" for end, edge in ends.items() if math.isfinite(edge)])
+        known = ", each with its own lengths known" if depth else ""
+        own = f"the study's own limit, {own} {one.unit}".rstrip()
+        told.append(f"{one.label}, required {one.limits}: {met}; {own}: {100 * share.value:.4g} % of builds{known}")
+    if not told:
+        return ""
+    calibrated = ", and of a calibrated camera's depth the report's verdict, which counts lengths as calibrated"
+    rest = f"Believe what is required{calibrated * of_depth}; the yield is by the study's own limits."
+    return f"Limited twice: {'; '.join(told)}. {rest}"
 
 
 def depth_sentence(budget: DepthBudget | None, plan: TolerancePlan) -> str:
@@ -288,8 +310,9 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
         )
     if result.left_out:
         text += f" {in_words(result.left_out)}"
-    if short := short_words(result):
-        text = f"{short} By the study's own limits: {text[:1].lower()}{text[1:]}"
+    short, twice = short_words(result), believed(result)
+    if short or twice:
+        text = f"{' '.join(filter(None, [short, twice]))} By the study's own limits: {text[:1].lower()}{text[1:]}"
     if result.final.result.value >= target:
         most = min((share for _, share in result.short_of), default=1.0) >= 0.5
         return Statement("good" if not short else "caution" if most else "bad", text)
