@@ -53,8 +53,8 @@ _BEYOND = 16
 """Samples that a view is continued beyond its sides before it is made a spline: 0.65^16 of an error comes back."""
 _VECTOR = 16
 """Samples that the widest vectors hold."""
-_SHORT = 4
-"""Samples of those that a few in a row take."""
+_FEW = 6
+"""Samples in a row below which each is worked out by itself."""
 _LINES = 32
 """Lines that are made splines together, a multiple of `_VECTOR`."""
 _TILE = 16
@@ -483,9 +483,13 @@ def _row(
 
 @kernel(apart=True)
 def _interpolate(
-    spline: Samples, left: Whole, above: Whole, ends: Whole, stops: Whole, across: Samples, down: Samples, out: Samples
-) -> None:
-    """A view at places beyond samples (left, above), in runs of them inside, by taps across and down."""
+    spline: Samples, left: Whole, above: Whole, ends: Whole, stops: Whole, across: Samples, down: Samples,
+    line: Samples, out: Samples,
+) -> None:  # fmt: skip
+    """A view at places beyond samples (left, above), in runs of them inside, by taps across and down.
+
+    `line` is room for `TAPS` numbers.
+    """
     end = 0
     while end < out.size:
         # Those that read neighbours are done in one go, which the compiler makes vectors of.
@@ -493,8 +497,27 @@ def _interpolate(
         v, start = above[u], left[u]
         if v < 0 or start < 0:
             continue
-        # Whole vectors, short ones for short runs: what lies beyond its run is written over by the next.
-        vector = _SHORT if end - u <= 2 * _SHORT else _VECTOR
+        if end - u < _FEW:
+            # One by one vectors are along the taps; a number of them that the compiler knew it would unroll instead.
+            for i in range(u, end):
+                k, l, m, n = down[0, i], down[1, i], down[2, i], down[3, i]
+                o, p, q, r = down[4, i], down[5, i], down[6, i], down[7, i]
+                first = left[i]
+                for j in range(line.size if first >= 0 else 0):  # indices below 0, which are none, are no vectors
+                    at = first + j
+                    line[j] = (
+                        (k * spline[v, at] + l * spline[v + 1, at]) + (m * spline[v + 2, at] + n * spline[v + 3, at])
+                        + ((o * spline[v + 4, at] + p * spline[v + 5, at])
+                           + (q * spline[v + 6, at] + r * spline[v + 7, at]))
+                    )  # fmt: skip
+                a, b, c, d = across[0, i], across[1, i], across[2, i], across[3, i]
+                e, f, g, h = across[4, i], across[5, i], across[6, i], across[7, i]
+                out[i] = ((a * line[0] + b * line[1]) + (c * line[2] + d * line[3])) + (
+                    (e * line[4] + f * line[5]) + (g * line[6] + h * line[7])
+                )
+            continue
+        # Whole vectors, half ones for short runs: what lies beyond its run is written over by the next.
+        vector = _VECTOR // 2 if end - u <= _VECTOR // 2 else _VECTOR
         count = min((end - u + vector - 1) // vector * vector, out.size - u, spline.shape[1] - TAPS + 1 - start)
         some, wide, values = slice(u, u + count), slice(start, start + count + TAPS - 1), out[u : u + count]
         first, second, third, fourth = spline[v, wide], spline[v + 1, wide], spline[v + 2, wide], spline[v + 3, wide]
@@ -701,16 +724,15 @@ def _lines(pupil: Floats, aside: Floats, chosen: Whole, still: bool) -> tuple[Wh
 
 
 @kernel()
-def _places(disparity: Floats, first: int, end: int) -> tuple[Whole, int]:
-    """Columns and rows of the places of some rows at which disparity is a number, and their count."""
-    columns = disparity.shape[1]
-    places, total = np.zeros((2, (end - first) * columns), np.int64), 0
-    for v in range(first, end):
+def _places(disparity: Floats) -> Whole:
+    """Columns and rows of the places at which disparity is a number, shape (2, place)."""
+    rows, columns = disparity.shape
+    places, total = np.empty((2, rows * columns), np.int64), 0
+    for v in range(rows):
         for u in range(columns):
-            if not math.isnan(disparity[v, u]):
-                places[0, total], places[1, total] = u, v
-                total += 1
-    return places, total
+            places[0, total], places[1, total] = u, v
+            total += not math.isnan(disparity[v, u])
+    return places[:, :total]
 
 
 @kernel(parallel=True)
@@ -732,71 +754,72 @@ def common(
     one, zero = float32(1), float32(0)
     line, example, lines = _lines(pupil, aside, chosen, still)
     most = lines.max()
-    for tile in prange((rows + _TILE - 1) // _TILE, band):
-        places, total = _places(disparity, tile * _TILE, min(tile * _TILE + _TILE, rows))
-        # Room for some places, had once for many of them: new pages are slow to come by.
-        size = min(_TOGETHER, total)
-        room, sums, pupils = np.zeros((8, size), float32), np.zeros((SUMS, size), float32), np.ones((2, size), float32)
-        first, ends = np.zeros((2, most, size), np.int64), np.zeros((2, most, size), np.int64)
-        taps, parts = np.zeros((2, most, TAPS, size), float32), np.zeros((2, most, size), float32)
-        inside, kept = np.zeros((2, most, size), float32), np.zeros((2, most, size), float32)
-        unseen, bent = np.zeros((2, most, size), float32), np.zeros((2, size), float32)
-        for start in range(0, total, _TOGETHER):
-            some = min(_TOGETHER, total - start)
-            at, own = places[0, start : start + some], places[1, start : start + some]
-            light, whole, root, lit = room[0, :some], room[1, :some], room[2, :some], room[3, :some]
-            expected, moves, weight, value = room[4, :some], room[5, :some], room[6, :some], room[7, :some]
-            sums[:] = zero
-            for i in range(some):
-                expected[i], moves[i] = picture[own[i], at[i]], disparity[own[i], at[i]]
-                bent[0, i], bent[1, i] = rough[0, own[i], at[i]], rough[1, own[i], at[i]]
-            for axis in range(2 if still else 0):
-                for n in range(lines[axis]):
-                    k, begin, end = example[axis, n], at if axis == 0 else own, columns if axis == 0 else rows
-                    slope, off = pupil[axis, k, 0, 0] / steps[axis], aside[axis, k, 0, 0] / steps[axis]
-                    f = parts[axis, n, :some]
-                    _place(moves, float32(slope), float32(off), begin, end, first[axis, n], f)
+    places = _places(disparity)
+    total = places.shape[1]
+    # Room for some places, had once for all of them: new pages are slow to come by.
+    size = min(_TOGETHER, total)
+    room, sums, pupils = np.zeros((8, size), float32), np.zeros((SUMS, size), float32), np.ones((2, size), float32)
+    first, ends = np.zeros((2, most, size), np.int64), np.zeros((2, most, size), np.int64)
+    taps, parts = np.zeros((2, most, TAPS, size), float32), np.zeros((2, most, size), float32)
+    inside, kept = np.zeros((2, most, size), float32), np.zeros((2, most, size), float32)
+    unseen, bent, each_tap = np.zeros((2, most, size), float32), np.zeros((2, size), float32), _zeros(TAPS)
+    for part in prange((total + _TOGETHER - 1) // _TOGETHER, band):
+        start = part * _TOGETHER
+        some = min(_TOGETHER, total - start)
+        at, own = places[0, start : start + some], places[1, start : start + some]
+        light, whole, root, lit = room[0, :some], room[1, :some], room[2, :some], room[3, :some]
+        expected, moves, weight, value = room[4, :some], room[5, :some], room[6, :some], room[7, :some]
+        sums[:] = zero
+        for i in range(some):
+            expected[i], moves[i] = picture[own[i], at[i]], disparity[own[i], at[i]]
+            bent[0, i], bent[1, i] = rough[0, own[i], at[i]], rough[1, own[i], at[i]]
+        for axis in range(2 if still else 0):
+            for n in range(lines[axis]):
+                k, begin, end = example[axis, n], at if axis == 0 else own, columns if axis == 0 else rows
+                slope, off = pupil[axis, k, 0, 0] / steps[axis], aside[axis, k, 0, 0] / steps[axis]
+                f = parts[axis, n, :some]
+                _place(moves, float32(slope), float32(off), begin, end, first[axis, n], f)
+                _prepare(
+                    first[axis, n], 1 - axis, f, end, ends[axis, n], taps[axis, n], inside[axis, n], kept[axis, n],
+                    unseen[axis, n],
+                )  # fmt: skip
+        if even:
+            light[:] = cells[0, 0, 0] * float32(electrons)
+            _inform(light, expected, float32(read * read), whole, root)
+        for k in chosen:
+            g, h = line[0, k], line[1, k]
+            left, above, f, over = first[0, g], first[1, h], parts[0, g], parts[1, h]
+            if still:
+                pupils[0], pupils[1] = pupil[0, k, 0, 0], pupil[1, k, 0, 0]
+            else:
+                _place_each(k, own, at, disparity, pupil, aside, steps, left, above, f, over, pupils)
+                for axis in range(2):
                     _prepare(
-                        first[axis, n], 1 - axis, f, end, ends[axis, n], taps[axis, n], inside[axis, n], kept[axis, n],
-                        unseen[axis, n],
+                        first[axis, 0], 1 - axis, parts[axis, 0, :some], rows if axis else columns, ends[axis, 0],
+                        taps[axis, 0], inside[axis, 0], kept[axis, 0], unseen[axis, 0],
                     )  # fmt: skip
-            if even:
-                light[:] = cells[0, 0, 0] * float32(electrons)
+            for i in range(some):
+                lit[i] = inside[0, g, i] * inside[1, h, i]
+            if not even:
+                for i in range(some):
+                    charge = cells[k, above[i], left[i]] * float32(electrons) if lit[i] > zero else zero
+                    light[i] = charge if charge * peak[own[i], at[i]] < brightest else zero
+                    lit[i] = one if light[i] > zero else zero
                 _inform(light, expected, float32(read * read), whole, root)
-            for k in chosen:
-                g, h = line[0, k], line[1, k]
-                left, above, f, over = first[0, g], first[1, h], parts[0, g], parts[1, h]
-                if still:
-                    pupils[0], pupils[1] = pupil[0, k, 0, 0], pupil[1, k, 0, 0]
-                else:
-                    _place_each(k, own, at, disparity, pupil, aside, steps, left, above, f, over, pupils)
-                    for axis in range(2):
-                        _prepare(
-                            first[axis, 0], 1 - axis, parts[axis, 0, :some], rows if axis else columns, ends[axis, 0],
-                            taps[axis, 0], inside[axis, 0], kept[axis, 0], unseen[axis, 0],
-                        )  # fmt: skip
+            _doubt(unseen[0, g], bent[0], unseen[1, h], bent[1], float32(chosen.size), whole, lit)
+            _interpolate(splines[k], left, above, ends[0, g], ends[1, h], taps[0, g], taps[1, h], each_tap, value)
+            _weigh(lit, expected, whole, root, float32(robust), value, weight)
+            if slot[k] >= 0:
+                shown, weights = each[slot[k], 0], each[slot[k], 1]
                 for i in range(some):
-                    lit[i] = inside[0, g, i] * inside[1, h, i]
-                if not even:
-                    for i in range(some):
-                        charge = cells[k, above[i], left[i]] * float32(electrons) if lit[i] > zero else zero
-                        light[i] = charge if charge * peak[own[i], at[i]] < brightest else zero
-                        lit[i] = one if light[i] > zero else zero
-                    _inform(light, expected, float32(read * read), whole, root)
-                _doubt(unseen[0, g], bent[0], unseen[1, h], bent[1], float32(chosen.size), whole, lit)
-                _interpolate(splines[k], left, above, ends[0, g], ends[1, h], taps[0, g], taps[1, h], value)
-                _weigh(lit, expected, whole, root, float32(robust), value, weight)
-                if slot[k] >= 0:
-                    shown, weights = each[slot[k], 0], each[slot[k], 1]
-                    for i in range(some):
-                        shown[own[i], at[i]], weights[own[i], at[i]] = value[i] + expected[i], weight[i]
-                if out.shape[0]:
-                    _add_moments(lit, weight, pupils[0], pupils[1], value, kept[0, g], kept[1, h], sums)
-            _centre(expected, sums)
-            for a in range(out.shape[0]):
-                here, there = out[a], sums[a]
-                for i in range(some):
-                    here[own[i], at[i]] = there[i]
+                    shown[own[i], at[i]], weights[own[i], at[i]] = value[i] + expected[i], weight[i]
+            if out.shape[0]:
+                _add_moments(lit, weight, pupils[0], pupils[1], value, kept[0, g], kept[1, h], sums)
+        _centre(expected, sums)
+        for a in range(out.shape[0]):
+            here, there = out[a], sums[a]
+            for i in range(some):
+                here[own[i], at[i]] = there[i]
 
 
 @kernel(parallel=True)
