@@ -297,6 +297,13 @@ def _rows(count: int, columns: int) -> Samples:
     return np.zeros((count, columns), float32)
 
 
+@kernel()
+def _six_rows(columns: int) -> tuple[Samples, Samples, Samples, Samples, Samples, Samples]:
+    """Room for rows, each contiguous to the compiler, which rows that an array is taken apart into are not."""
+    room = _rows(6, columns)
+    return room[0], room[1], room[2], room[3], room[4], room[5]
+
+
 @kernel(apart=True)
 def _add_light(shown: Samples, weight: Samples, expected: Samples, total: Samples, value: Samples) -> None:
     """Add weights of a view, and what it shows beyond what is expected times these, along a row."""
@@ -355,7 +362,7 @@ def _quarter_terms(
     rows, still = each.shape[2], pupil.strides[2] == 0 and pupil.strides[3] == 0
     zero, one = float32(0), float32(1)
     total, sums, seen = _rows(2, columns), _rows(7, columns), _rows(count, columns)
-    x, y, along, over, pull, value = _rows(6, columns)
+    x, y, along, over, pull, value = _six_rows(columns)
     for v in range(start, start + count):
         clear(total[0])
         clear(total[1])
@@ -431,7 +438,7 @@ def _settle(
         terms, down = np.zeros((high - low, 4, columns), float32), np.zeros((4, columns + 2 * reach), float32)
         windows = np.full((2, last - first, columns + 2 * reach), float32(math.inf))
         total = _rows(4, columns)
-        here, tried, smallest, best = _rows(4, columns)
+        here, tried, smallest, best, _, _ = _six_rows(columns)
         for v in range(start, stop):
             for u in range(columns):
                 expected[v - start, u] = picture[v, u]
