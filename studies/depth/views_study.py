@@ -110,11 +110,11 @@ def measured(scene: str, light_field: MadeViews) -> Row:
     true = light_field.disparity
     with tempfile.TemporaryDirectory() as place:
         written(Path(place), light_field)
-        threads = numba.get_num_threads()
-        numba.set_num_threads(1)  # threads that wait for each other take processor time
+        threads = numba.config.NUMBA_NUM_THREADS
+        numba.config.NUMBA_NUM_THREADS = 1  # kernels ask it at each call; threads beside each other take more time
         run, seconds, _ = timed(lambda: captured(Path(place), CaptureOptions()).first)
         plain, plain_seconds, plain_waited = timed(lambda: structure_tensor(Path(place), len(light_field.views)))
-        numba.set_num_threads(threads)
+        numba.config.NUMBA_NUM_THREADS = threads
         _, _, waited = timed(lambda: captured(Path(place), CaptureOptions()).first)
     known = run.measured
     error, sigma = np.abs(run.depth - true)[known], run.sigma[known]
