@@ -136,15 +136,18 @@ def _take_best(
 ) -> None:  # fmt: skip
     """Take, of windows that hold a microlens, that which knows its disparity best, if it knows more than `sigma`."""
     rows, columns = wanted.shape
+    most = SIZES[0] // 2
+    # Room had once, and not cleared: windows that are asked for are all fitted before.
+    terms = np.empty((_TILE + 4 * most, TERMS, columns))
+    fit, tall = np.empty((UNDER + 1, _TILE + 2 * most, columns)), _TILE + 2 * most
+    misfit, widened = np.empty((tall, columns)), np.empty((tall, columns))
+    down, near, none = np.zeros((TERMS, columns + 2 * most)), np.zeros((TERMS, columns)), np.zeros(0)
     for tile in prange((rows + _TILE - 1) // _TILE, band):
-        top, bottom, most = tile * _TILE, min(tile * _TILE + _TILE, rows), SIZES[0] // 2
+        top, bottom = tile * _TILE, min(tile * _TILE + _TILE, rows)
         if not wanted[top:bottom].any():
             continue
         low, high = max(top - 2 * most, 0), min(bottom + 2 * most, rows)
-        first, last = max(top - most, 0), min(bottom + most, rows)
-        terms, fit = np.zeros((high - low, TERMS, columns)), np.zeros((UNDER + 1, last - first, columns))
-        down, near, none = np.zeros((TERMS, columns + 2 * most)), np.zeros((TERMS, columns)), np.zeros(0)
-        misfit, widened = np.zeros((2, last - first, columns))
+        first = max(top - most, 0)
         for v in range(low, high):
             row_terms(sums, slope_u, slope_v, known, begun, steps, v, terms[v - low])
         for n in range(len(SIZES)):
