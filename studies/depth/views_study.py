@@ -12,7 +12,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numba
 import numpy as np
@@ -110,11 +110,12 @@ def measured(scene: str, light_field: MadeViews) -> Row:
     true = light_field.disparity
     with tempfile.TemporaryDirectory() as place:
         written(Path(place), light_field)
-        threads = numba.config.NUMBA_NUM_THREADS
-        numba.config.NUMBA_NUM_THREADS = 1  # kernels ask it at each call; threads beside each other take more time
+        settings: Any = numba.config
+        threads = settings.NUMBA_NUM_THREADS
+        settings.NUMBA_NUM_THREADS = 1  # kernels ask it at each call; threads beside each other take more time
         run, seconds, _ = timed(lambda: captured(Path(place), CaptureOptions()).first)
         plain, plain_seconds, plain_waited = timed(lambda: structure_tensor(Path(place), len(light_field.views)))
-        numba.config.NUMBA_NUM_THREADS = threads
+        settings.NUMBA_NUM_THREADS = threads
         _, _, waited = timed(lambda: captured(Path(place), CaptureOptions()).first)
     known = run.measured
     error, sigma = np.abs(run.depth - true)[known], run.sigma[known]
