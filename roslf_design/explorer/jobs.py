@@ -18,8 +18,8 @@ from typing import Any, Generic, TypeVar
 
 from .._arrays import by_value
 from ..errors import FAULTS, InputError
+from ..processes import end_with_parent
 from ..progress import CountedProgress, EnoughError
-from ..tolerancing.run import end_with_parent
 from ..words import about_time, percent
 
 Result = TypeVar("Result")

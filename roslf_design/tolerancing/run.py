@@ -12,9 +12,7 @@ import contextlib
 import json
 import logging
 import multiprocessing
-import os
 import signal
-import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -27,6 +25,7 @@ from uuid import uuid4
 from ..design.files import write_atomically
 from ..errors import OTHER_PLACE, Argument, InputError, Problem, refusal
 from ..input_files import read_json
+from ..processes import ready_for_work
 from .study import TolerancePlan
 from .tally import Tally, is_sealed, merged, pack, tally_of, unpack
 from .trials import STRETCH, measure_uniforms
@@ -199,7 +198,7 @@ def _in_pool(work: Work, indices: Sequence[int], workers: int) -> Iterator[tuple
     # Not fork: the parent may hold threads (progress bar, kernels) that a forked child would inherit half-alive.
     context = multiprocessing.get_context("spawn")
     while left:
-        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_ready_for_work)
+        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=ready_for_work)
         try:
             with _ctrl_c_later():
                 running = {pool.submit(work, index): index for index in left}
@@ -247,26 +246,6 @@ def _ctrl_c_later() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _ready_for_work() -> None:
-    """Let this worker end with its parent, and quietly on Ctrl-C."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    end_with_parent()
-
-
-def end_with_parent() -> None:
-    """End this process when its parent is killed and cannot say so: it would else wait for work for ever."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def wait_for_it() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=wait_for_it, daemon=True).start()
 
 
 @contextlib.contextmanager

@@ -11,39 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from roslf_design.errors import InputError, Problem
 from roslf_design.explorer.jobs import Done, Failure, Later, ProcessJob, Progress
 from roslf_design.progress import EnoughError
-
-
-def double(request, tell):
-    tell(0.5, "half way")
-    return 2 * request
-
-
-def wait_for_ever(request, tell):
-    tell(0.1, "waiting")
-    while True:
-        time.sleep(0.05)
-
-
-def wait_and_refuse_to_end(request, tell):
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    tell(0.1, "stubborn")
-    while True:
-        time.sleep(0.05)
-
-
-def refuse(request, tell):
-    raise InputError((Problem("grade", "is not known"),))
-
-
-def stumble(request, tell):
-    raise ZeroDivisionError("division by zero")
-
-
-def die(request, tell):
-    os._exit(7)
+from tests.explorer.work import die, double, refuse, stumble, wait_and_refuse_to_end, wait_for_ever
 
 
 def until(job, kind, seconds=30.0):
@@ -169,7 +139,7 @@ PARENT = """
 import multiprocessing, sys, time
 sys.path.insert(0, {root!r})
 from roslf_design.explorer.jobs import ProcessJob
-from tests.explorer.test_jobs import wait_for_ever
+from tests.explorer.work import wait_for_ever
 if __name__ == "__main__":
     job = ProcessJob(wait_for_ever, None)
     while getattr(job.poll(), "text", "") != "waiting":

@@ -34,6 +34,7 @@ from roslf_design.tolerancing.run import (
 )
 from roslf_design.tolerancing.study import load_plan, plan_from
 from roslf_design.tolerancing.tally import merged, pack, unpack
+from tests.tolerancing.work import die, fail
 
 STUDY = """
 name = "small"
@@ -101,7 +102,6 @@ def test_a_pool_gives_the_same_bytes_though_a_worker_is_killed(plan, expected, t
 
 HALF = """
 import os, struct, sys
-from roslf_design.tolerancing import run
 
 def work(index):
     mark = sys.argv[1]
@@ -117,6 +117,8 @@ def work(index):
     return b"%d" % index
 
 if __name__ == "__main__":
+    from roslf_design.tolerancing import run  # which workers need not
+
     print(sorted(content for _, content in run.run_chunks(work, range(6), run.WorkerSettings(2))))
 """
 
@@ -164,10 +166,6 @@ def test_dask_missing_says_what_to_install(plan, tmp_path, monkeypatch):
         run_trials(plan, tmp_path, WorkerSettings(1, "local"))
 
 
-def die(_index):
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
 def test_a_chunk_that_kills_every_worker_is_given_up_with_advice(monkeypatch):
     monkeypatch.setattr(runs, "ATTEMPTS", 2)
     with pytest.raises(ChunkLostError, match="a worker process died 2 times"):
@@ -177,10 +175,6 @@ def test_a_chunk_that_kills_every_worker_is_given_up_with_advice(monkeypatch):
 def test_an_error_in_the_work_is_not_taken_for_a_dead_worker():
     with pytest.raises(ZeroDivisionError):
         list(run_chunks(fail, [0, 1], WorkerSettings(2)))
-
-
-def fail(index):
-    return bytes(1 // 0 * index)
 
 
 def test_a_full_disk_leaves_earlier_chunks_and_resuming_ends_in_the_same_bytes(plan, expected, tmp_path, monkeypatch):
