@@ -521,10 +521,13 @@ def _fit(
     out: Array,
 ) -> None:
     rows, columns = picture.shape
-    first, last = starts.max(), starts.min() + (columns - 1) * spacing
+    first, last = starts[0], starts[0]
+    for row in range(1, rows):
+        first, last = max(first, starts[row]), min(last, starts[row])
+    last += (columns - 1) * spacing
     H, new_H, g, new_g, p = np.empty((9, 9)), np.empty((9, 9)), np.empty(9), np.empty(9), np.empty(9)
     # Whole arrays in one expression would be compiled ten times as long.
-    normal, right, trial = np.empty((9, 9)), np.empty(9), np.empty(9)
+    normal, root, right, step, trial = np.empty((9, 9)), np.empty((9, 9)), np.empty(9), np.empty(9), np.empty(9)
     for n in range(corners.shape[0]):
         cx, cy = math.floor(corners[n, 0] + 0.5), math.floor(corners[n, 1] + 0.5)
         out[n, 0], out[n, 1], out[n, 2], out[n, 3], out[n, 4] = corners[n, 0], corners[n, 1], 0.0, 1.0, 0.0
@@ -561,7 +564,7 @@ def _fit(
                 for c in range(9):
                     normal[r, c] = H[r, c] + H[c, r]
                 normal[r, r] += (damping - 1.0) * H[r, r] + 1e-12 * damping * largest
-            step = np.linalg.solve(normal, g)
+            _solve(normal, g, root, step)
             sharper = min(max(p[4] + step[4], _BLUR[0]), _BLUR[1]) - p[4]
             if sharper != step[4]:
                 # The blur goes to its limit, the others where they fit best with it.
@@ -569,7 +572,7 @@ def _fit(
                     right[r] = g[r] - normal[r, 4] * sharper
                     normal[r, 4], normal[4, r] = 0.0, 0.0
                 normal[4, 4], right[4] = 1.0, sharper
-                step = np.linalg.solve(normal, right)
+                _solve(normal, right, root, step)
             for k in range(9):
                 trial[k] = p[k] + (min(max(step[k], -0.7), 0.7) if k < 5 else step[k])
             trial[4] = min(max(trial[4], _BLUR[0]), _BLUR[1])
@@ -591,6 +594,26 @@ def _fit(
         out[n, 3] = math.sqrt(cost / covered) / max(abs(p[8]), 1e-300)
         if (rest or moved < 0.01) and max(abs(p[0]), abs(p[1])) < 0.6 * half:
             out[n, 4] = 1.0
+
+
+@kernel()
+def _solve(normal: Array, right: Array, root: Array, step: Array) -> None:
+    """Solution by Cholesky's root: numpy's would be compiled longer than all else here."""
+    for r in range(9):
+        step[r] = right[r]
+        for c in range(r + 1):
+            rest = normal[r, c]
+            for k in range(c):
+                rest -= root[r, k] * root[c, k]
+            # Rounding may leave nothing of a parameter that others stand for.
+            root[r, c] = math.sqrt(max(rest, 1e-16 * normal[r, r])) if r == c else rest / root[c, c]
+        for c in range(r):
+            step[r] -= root[r, c] * step[c]
+        step[r] /= root[r, r]
+    for r in range(8, -1, -1):
+        for k in range(r + 1, 9):
+            step[r] -= root[k, r] * step[k]
+        step[r] /= root[r, r]
 
 
 @kernel()

@@ -21,7 +21,7 @@ from roslf_design.calibration import (
     observe_pictures,
     random_poses,
 )
-from roslf_design.calibration.corners import _checked_grid, _RowGrid, fit_saddles
+from roslf_design.calibration.corners import _checked_grid, _RowGrid, _solve, fit_saddles
 from roslf_design.calibration.model import project_boards, rotation_matrix
 from roslf_design.theory.lens_shapes import LENS_SHAPES
 from tests.oracles.calibration import board_view
@@ -259,3 +259,18 @@ def test_markers_of_another_board_are_not_taken_for_it(partly):
     assert find_corners(field.view(), Board.parse("charuco 7x6 6 mm 4.5 mm DICT_5X5_50")) is None
     assert find_corners(np.zeros((60, 60)), CHARUCO) is None
     assert find_corners(field.view()[:40, :40], CHARUCO) is None  # too few corners
+
+
+def test_steps_of_the_fit_are_those_of_a_general_solver():
+    rng = np.random.default_rng(4)
+    root, step = np.full((9, 9), np.nan), np.full(9, np.nan)
+    for scales in (np.ones(9), 10.0 ** rng.uniform(-3, 3, 9)):
+        lines = rng.normal(size=(40, 9)) * scales
+        normal, right = lines.T @ lines, rng.normal(size=9)
+        _solve(normal, right, root, step)
+        np.testing.assert_allclose(step, np.linalg.solve(normal, right), rtol=1e-9)  # condition 10 without its scales
+    # Two parameters that stand for the same: one of many solutions, and finite.
+    same = lines[:, [0, 1, 2, 3, 4, 5, 6, 7, 7]]
+    right = same.T @ rng.normal(size=40)
+    _solve(same.T @ same, right, root, step)
+    np.testing.assert_allclose(same.T @ same @ step, right, rtol=1e-6, atol=1e-6 * np.abs(right).max())
