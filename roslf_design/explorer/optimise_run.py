@@ -62,6 +62,7 @@ class OptimiseResult:
         if self.design is not None:
             after = f"{short(self.after, 4)} {self.goal.unit}".strip()
             headline = f"{to_html(self.goal.words)}: {short(self.before, 4)} → {after}"
+            headline += ", the best when it was stopped" * self.stopped
         return {
             "headline": headline,
             "rows": [

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from roslf_design.design import load
 from roslf_design.drawing.theme import PLAIN, text_width
 from roslf_design.explorer.forms import GOALS
 from roslf_design.explorer.optimise_run import OptimiseResult
@@ -157,6 +158,13 @@ def test_a_variable_at_its_bound_is_marked():
 def test_no_front_without_a_second_goal():
     with pytest.raises(ValueError, match="one goal alone"):
         front(replace(OPTIMUM, against=None))
+
+
+def test_a_search_that_was_stopped_says_so():
+    found = replace(OPTIMUM, design=load("paper"))
+    assert "stopped" not in found.page()["headline"]
+    assert replace(found, stopped=True).page()["headline"].endswith("0.6 mm, the best when it was stopped")
+    assert replace(OPTIMUM, stopped=True).page()["headline"].startswith("Stopped before a design was found")
 
 
 def test_pictures_that_say_no_more_than_a_sentence_are_not_drawn():
