@@ -545,12 +545,14 @@ def _most_checked(problem: DesignProblem) -> int:
 
 
 def _followed(rows: Vector, tell: CountedProgress, problem: DesignProblem) -> Vector:
-    """Rows of a global search, whose points are told of as they are tried."""
-    tried, most = 0, _most_checked(problem)
+    """Rows of a global search, whose points are told of as they are tried, by hundredths of the most."""
+    tried, told, most = 0, -1, _most_checked(problem)
 
     def followed(units: Array) -> Array:
-        nonlocal tried
-        tell(min(tried, most), most)
+        nonlocal tried, told
+        if (now := min(100 * tried // most, 100)) > told:
+            told = now
+            tell(min(tried, most), most)
         tried += len(units)
         return rows(units)
 
