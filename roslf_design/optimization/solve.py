@@ -544,7 +544,7 @@ def _most_checked(problem: DesignProblem) -> int:
     return min(1500 * problem.n, 9000) // (5 if problem.summed else 1)
 
 
-def _followed(rows: Vector, tell: CountedProgress, problem: DesignProblem) -> Vector:
+def _followed(rows: Vector, tell: Callable[[float, float], None], problem: DesignProblem) -> Vector:
     """Rows of a global search, whose points are told of as they are tried, by hundredths of the most."""
     tried, told, most = 0, -1, _most_checked(problem)
 
