@@ -13,7 +13,7 @@ from ..optimization.study import Result
 from ..reporting.blocks import Statement
 from ..reporting.optimise.pages import statements
 from ..reporting.optimise.pictures import SearchEnd, VariableMove, ends_of
-from ..reporting.story import run_optimisation
+from ..reporting.optimise.run import run_optimisation
 from ..theory.quantities import quantity_named
 from ..units import format_quantity
 from ..words import to_html

@@ -17,7 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
 
@@ -29,8 +29,6 @@ from ..design.files import Kind, kind_of
 from ..errors import InputError, Problem, path_of, refusal
 from ..evaluation import default_fields
 from ..evaluation.required import load_beside
-from ..optimization.study import Result, run
-from ..optimization.study import read_study as read_optimisation
 from ..progress import CountedProgress, shares, silent
 from ..theory.focused import has_views
 from ..theory.length_covariance import LengthCovariance
@@ -42,12 +40,15 @@ from ..tolerancing.summaries import summarise
 from ..tolerancing.tally import Tally
 from ..tolerancing.trials import lengths_built
 from ..toml_files import StrictTable, read_toml, validated
+from . import optimise
 from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Statements
 from .calibrate.pages import Calibrated, calibrated_finding, plan_finding, read_calibration
 from .design.pages import design_report, making
-from .optimise.pages import optimization_finding, statements
 from .sheet.lines import BuildSpread, CalibrationSpread, SpreadSources, basis
 from .tolerance.pages import tolerance_finding
+
+if TYPE_CHECKING:
+    from ..optimization.study import Result
 
 TAKES = re.compile(r"best|robust|parts-\d\d")
 PLANNED = Path("planned")
@@ -223,22 +224,6 @@ def _builds_alone(
     return BuildSpread(plan, summarise(plan, _tally(plan.defined(origin), progress))[-1], study.yield_target)
 
 
-def run_optimisation(
-    data: Mapping[str, Any],
-    design: Design | None = None,
-    folder: Path = Path(),
-    origin: str = "",
-    tell: CountedProgress = silent,
-    seed: int | None = None,
-) -> Result:
-    """Run an optimisation study: as `tolerance_plan`; `tell` hears what is being done, `seed` replaces the study's."""
-    study = read_optimisation(data, folder, origin, seed, design)
-    try:
-        return run(study, tell)
-    except InputError as error:
-        raise error if error.origin else InputError(error.problems, origin) from None
-
-
 def _quick_tolerances(
     design: Design, seed: int = 0, progress: CountedProgress = silent, trials: int | None = None
 ) -> StudyResult:
@@ -325,11 +310,11 @@ def study_report(
     """
     data, origin = read_toml(path, str(path)), str(path)
     if kind == "optimize":
-        result = run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
+        result = optimise.run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
         best = _taken(result, "best")
         if best is None:
             return _without_design(result, **options)
-        design, findings, built = best, {"optimisation": optimization_finding(result)}, None
+        design, findings, built = best, {"optimisation": optimise.optimization_finding(result)}, None
     else:
         tolerances = _run_tolerances(data, None, path.parent, origin, _prefixed(progress, "tolerances"), seed)
         design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
@@ -375,9 +360,9 @@ def story_report(
             case StudyResult() as tolerances:
                 findings["tolerances"], built = tolerance_finding(tolerances), tolerances.built
                 steps.append(f"Tolerances ({part.name}), of {design.name}.")
-            case Result() as result:
+            case result:
                 onwards, built = _chosen(part.take, design), None
-                findings["optimisation"] = optimization_finding(result, part.take, onwards)
+                findings["optimisation"] = optimise.optimization_finding(result, part.take, onwards)
                 steps.append(f"Optimisation ({part.name}), from {part.before.name}; what goes on: {onwards}.")
     opening: tuple[Block, ...] = (Bullets(tuple(steps)),)
     if story.table.story.question:
@@ -415,7 +400,7 @@ def _walked(
         outcome: Result | StudyResult | BuildSpread | PlanOptions | Calibrated
         if part.kind == "optimize":
             tell = _prefixed(progress, f"{where}, optimisation")
-            outcome = run_optimisation(data, design, file.parent, str(file), tell, seed)
+            outcome = optimise.run_optimisation(data, design, file.parent, str(file), tell, seed)
             taken = _taken(outcome, part.take)
             if taken is None:
                 raise InputError((Problem(f"parts.{index}", _nothing(outcome, part.take)),), story.origin)
@@ -471,7 +456,7 @@ def datasheet_of(
         known = None if calibration is None else _known(calibration, design)
         built = _builds_alone(data, None, path.parent, origin, _prefixed(progress, "tolerances"), seed)
         return basis(design, built, known, at, tell=shares(progress, LINES))
-    result = run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
+    result = optimise.run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
     best = _taken(result, "best")
     if best is None:
         raise InputError((Problem("", _nothing(result, "best")),), origin)
@@ -585,8 +570,8 @@ def _nothing(result: Result, name: str) -> str:
 
 def _without_design(result: Result, *, command: str = "", stamp: tuple[str, ...] = ()) -> Report:
     """Report of an optimisation that found no design: what stands in the way."""
-    asked, finding = result.answer.asked, optimization_finding(result)
-    summary = Section("Summary", (Statements(tuple(statements(result))),))
+    asked, finding = result.answer.asked, optimise.optimization_finding(result)
+    summary = Section("Summary", (Statements(tuple(optimise.statements(result))),))
     sections = (summary, finding.section, making(command, (finding.seed,), stamp))
     return Report(asked.name, f"from {result.answer.problem.design.name}", sections)
 

@@ -14,13 +14,13 @@ from roslf_design.evaluation import evaluate
 from roslf_design.reporting import story
 from roslf_design.reporting.blocks import Bullets, Code, Report, Statements, Table
 from roslf_design.reporting.optimise.pages import optimization_finding
+from roslf_design.reporting.optimise.run import run_optimisation
 from roslf_design.reporting.printers import render_html, render_pdf
 from roslf_design.reporting.story import (
     CENTRE,
     FILL,
     load_story_or_study,
     quick_study,
-    run_optimisation,
     story_report,
     study_report,
 )
