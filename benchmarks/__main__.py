@@ -15,11 +15,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from . import commands, page, peers, rates, scaling
+from . import commands, page, peers, rates, scaling, yardstick
 from .turns import Row
 
 REPORT, QUICK = Path("reports/benchmarks"), Path("out/benchmarks-quick")
 DATA, SCHEMA = "benchmarks.json", "roslf.benchmarks/3"
+YARDSTICK = "yardstick"
+"""Key of the machine's own speed, which older runs have not, and its name for `--only`."""
 PARTS = {
     "commands": commands.measure,
     "rates": rates.measure,
@@ -33,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="few runs of small sizes: under three minutes")
     parser.add_argument(
-        "--only", action="append", default=[], metavar="NAME", help="a row, or a whole part; printed, not stored"
+        "--only", action="append", default=[], metavar="NAME", help="a row, a part or yardstick; printed, not stored"
     )
     parser.add_argument("--redraw", action="store_true", help="page and table again from the stored run")
     parser.add_argument("--readme", action="store_true", help="put the table into README.md")
@@ -62,8 +64,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run(quick: bool, chosen: Sequence[str]) -> dict[str, Any]:
     """Everything, or the rows that are chosen; lines are printed as they come."""
     machine = describe()
+    if not chosen or YARDSTICK in chosen:
+        machine[YARDSTICK] = yardstick.measure()
+        print(yardstick.sentence(machine[YARDSTICK]).strip(), flush=True)
     parts: dict[str, list[Row]] = {part: [] for part in PARTS}
-    single = [name for name in chosen if name not in PARTS]
+    single = [name for name in chosen if name not in (*PARTS, YARDSTICK)]
     for part, measure in PARTS.items():
         if chosen and not single and part not in chosen:
             continue

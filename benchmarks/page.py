@@ -15,6 +15,7 @@ from roslf_design.drawing.panel import Panel, Scale
 from roslf_design.drawing.picture import Picture, legend_height
 from roslf_design.drawing.theme import MANY
 
+from . import yardstick
 from .scaling import Growth, growth
 from .turns import Row, Side, Spread
 
@@ -146,10 +147,10 @@ def comparison_line(row: Row) -> str:
 
 
 def heading(machine: Mapping[str, Any]) -> str:
-    """Where and when."""
+    """Where and when, and how fast that machine then was."""
     return (
         f"{machine['processor']}, {machine['cores']} cores, {machine['date']}, Python {machine['python']}, "
-        f"numpy {machine['numpy']}, revision {machine['revision']}."
+        f"numpy {machine['numpy']}, revision {machine['revision']}.{yardstick.sentence(machine.get('yardstick', {}))}"
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import __main__ as command
-from benchmarks import page, peers
+from benchmarks import page, peers, yardstick
 from benchmarks.commands import FIRST, REPOSITORY, checked_out, commands, typed
 from benchmarks.peers import PEERS, Case, Peer, compare, install, interpreter
 from benchmarks.scaling import SERIES, growth, one
@@ -184,18 +184,34 @@ def test_a_run_is_stored_and_drawn_again_small(tmp_path, capsys, monkeypatch):
     for part in command.PARTS:
         some = [row for name, row in made.items() if (name == "singlet") == (part == "peers") and part != "rates"]
         monkeypatch.setitem(command.PARTS, part, lambda quick, chosen, some=some: iter(some))
+    monkeypatch.setattr(command.yardstick, "measure", lambda: {"a loop": 0.5})
     assert command.main(["-o", str(tmp_path)]) == 0
     html = (tmp_path / "index.html").read_text()
     assert len(html) < 100_000
+    assert "Yardstick, processor time: a loop, 500 ms." in html
     assert "what help does" in html
     assert "Note &lt;b&gt;." in html
     (tmp_path / "index.html").unlink()
     assert command.main(["--redraw", "-o", str(tmp_path)]) == 0
     assert (tmp_path / "index.html").read_text() == html
     stored = json.loads((tmp_path / "benchmarks.json").read_text())
+    assert stored["machine"].pop("yardstick") == {"a loop": 0.5}  # which older runs have not
+    (tmp_path / "benchmarks.json").write_text(json.dumps(stored))
+    assert command.main(["--redraw", "-o", str(tmp_path)]) == 0
+    assert (tmp_path / "index.html").read_text() == html.replace(" Yardstick, processor time: a loop, 500 ms.", "")
     (tmp_path / "benchmarks.json").write_text(json.dumps(stored | {"schema": "roslf.benchmarks/1"}))
     assert command.main(["--redraw", "-o", str(tmp_path)]) == 2
     assert "another version" in capsys.readouterr().err
+
+
+def test_the_yardstick_alone_runs_nothing_of_ours(capsys, monkeypatch):
+    monkeypatch.setattr(yardstick, "WORK", {"nothing": "pass", "four": "print(4.0, 4.0)", "wrong": "import nowhere"})
+    for part in command.PARTS:
+        monkeypatch.setitem(command.PARTS, part, pytest.fail)
+    assert command.main(["--only", "yardstick"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("Yardstick, processor time: nothing, ")
+    assert said.endswith("four, 4000 ms.\n")
 
 
 def test_two_revisions_in_a_line():
