@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +33,9 @@ LEAPT = 1e-7
 """Relative width where nothing is left beyond: no build."""
 MOST_STEPS = 64
 """Steps that it takes at most, the first ones doublings; of a limit that is leapt over the rest are halvings."""
+DOUBLINGS, LEVELS = 4, 3
+"""Steps ahead, among doublings and among halvings, whose builds are measured with those of the step: a call for a few
+builds takes as long as one for a hundred."""
 LINEAR = 0.1
 """|RSS / Monte Carlo - 1| above which a response counts as not linear."""
 AMONG, LOST = 4096, 128
@@ -185,6 +188,45 @@ class Allowed:
     alone_limited_by: str
 
 
+class _Alone:
+    """Limited columns of builds with one perturbation alone, each build measured once."""
+
+    def __init__(self, plan: TolerancePlan, columns: NDArray[np.intp]) -> None:
+        self.plan, self.columns = plan, columns
+        self.known: dict[tuple[int, float], Array] = {}
+
+    def knows(self, keys: Iterable[tuple[int, float]]) -> NDArray[np.bool_]:
+        """Whether builds, each a row of its perturbation and a deviation [tolerances], have been measured."""
+        return np.array([key in self.known for key in keys])
+
+    def measure(self, keys: Iterable[tuple[int, float]]) -> None:
+        """Measure builds that are not known, together."""
+        new = [key for key in dict.fromkeys(keys) if key not in self.known]
+        builds = np.zeros((len(self.plan.draws.perturbations), len(new)))
+        for index, (row, deviation) in enumerate(new):
+            builds[row, index] = deviation
+        measured = measure_finally(self.plan, builds, settled=0.0)[self.columns]
+        self.known |= zip(new, self.plan.judged(measured, self.columns).T, strict=True)
+
+    def of(self, keys: Iterable[tuple[int, float]]) -> Array:
+        """Columns of builds that are known, (limits, N)."""
+        return np.stack([self.known[key] for key in keys], axis=1)
+
+
+def _ahead(inside: float, outside: float, over: float) -> Iterator[float]:
+    """Deviations that a bracket's next steps may ask for: doublings, or halvings of a bracket with no build beyond."""
+    if math.isinf(outside):
+        doubled = inside
+        for _ in range(DOUBLINGS):
+            yield (doubled := min(max(2 * doubled, 1.0), LOOSEST))
+    elif math.isinf(over):
+        ends = [inside, outside]
+        for _ in range(LEVELS):
+            middles = [(a + b) / 2 for a, b in itertools.pairwise(ends)]
+            yield from middles
+            ends = sorted((*ends, *middles))
+
+
 def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...]:
     """Largest tolerance of each perturbation alone: until a limit fails, and until it uses a share of a limit's room.
 
@@ -217,8 +259,8 @@ def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...
     inside, outside = np.zeros(rows.size), np.full(rows.size, np.inf)
     left, over = np.ones(rows.size), np.full(rows.size, -np.inf)  # room at both, of the limit that has least
     broken, last = np.zeros(rows.size, np.intp), np.zeros(rows.size)
-    open_ = cases
-    for _ in range(MOST_STEPS):
+    open_, signs, steps, builds = cases, np.where(ends == 0, 1.0, -1.0), np.zeros(rows.size, int), _Alone(plan, columns)
+    while open_.size:
         least, most, a, b = (part[open_] for part in (inside, outside, left, over))
         middle = (least + np.minimum(most, LOOSEST)) / 2
         with np.errstate(invalid="ignore"):
@@ -226,26 +268,30 @@ def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...
         within = np.isfinite(b) & (between > least) & (between < most)
         doubled = np.minimum(np.maximum(2 * least, 1.0), LOOSEST)
         at = np.where(np.isinf(most), doubled, np.where(within, between, middle))
-        deviations = np.zeros((len(perturbations), open_.size))
-        deviations[rows[open_], np.arange(open_.size)] = np.where(ends[open_] == 0, at, -at)
-        value = plan.judged(measure_finally(plan, deviations, settled=0.0)[columns], columns)
-        room_left = np.minimum(value - low[:, open_], high[:, open_] - value) / scale[:, open_]
+        keys = list(zip(rows[open_].tolist(), (signs[open_] * at).tolist(), strict=True))
+        if not (known := builds.knows(keys)).any():  # each goes as far as it is known before the next are measured
+            brackets = zip(rows[open_].tolist(), signs[open_].tolist(), least.tolist(), most.tolist(), b, strict=True)
+            ahead = ((row, sign * d) for row, sign, *ends in brackets for d in _ahead(*ends))
+            builds.measure([*keys, *ahead])
+            known[:] = True
+        now, least, most, a, b, at = (part[known] for part in (open_, least, most, a, b, at))
+        value = builds.of(itertools.compress(keys, known))
+        room_left = np.minimum(value - low[:, now], high[:, now] - value) / scale[:, now]
         room_left = np.where(np.isnan(room_left), -np.inf, room_left)
         tightest = room_left.min(axis=0)
         held = tightest >= 0
         # Illinois: an end that stays twice counts half, so that both close in.
-        over[open_] = np.where(held, np.where(last[open_] > 0, b / 2, b), tightest)
-        left[open_] = np.where(held, tightest, np.where(last[open_] < 0, a / 2, a))
-        inside[open_], outside[open_] = np.where(held, at, least), np.where(held, most, at)
-        broken[open_] = np.where(held, broken[open_], np.argmin(room_left >= 0, axis=0))
-        last[open_] = np.where(held, 1.0, -1.0)
+        over[now] = np.where(held, np.where(last[now] > 0, b / 2, b), tightest)
+        left[now] = np.where(held, tightest, np.where(last[now] < 0, a / 2, a))
+        inside[now], outside[now] = np.where(held, at, least), np.where(held, most, at)
+        broken[now] = np.where(held, broken[now], np.argmin(room_left >= 0, axis=0))
+        last[now] = np.where(held, 1.0, -1.0)
         near = outside - inside <= np.where(np.isinf(over), LEAPT, CLOSE) * outside
-        done = (inside >= LOOSEST) | (np.isfinite(outside) & near)
+        steps[now] += 1
+        done = (inside >= LOOSEST) | (np.isfinite(outside) & near) | (steps >= MOST_STEPS)
         open_ = cases[~done]
-        if not open_.size:
-            break
     deviations = np.zeros((len(perturbations), rows.size))
-    deviations[rows, cases] = np.where(ends == 0, 1.0, -1.0) * np.where(np.isfinite(outside), outside, 0.0)
+    deviations[rows, cases] = signs * np.where(np.isfinite(outside), outside, 0.0)
     faults = np.empty(rows.size, dtype=object)
     faults[:] = final_faults(plan, deviations)
     faults = faults.reshape(len(perturbations), 2, 2)
