@@ -16,6 +16,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from .._arrays import Array
+from ..progress import UNHEARD, Share, part_of
 from .draws import Draws
 from .places import GradeLine, Grades, expand, nominal_values, parse_tolerance, perturbable
 from .study import CALIBRATION, Adjuster, Study, TolerancePlan
@@ -45,6 +46,8 @@ MOST_HELPING = 8
 """Parts among which several steps are looked for where builds are dear."""
 HALVINGS = 12
 """Number of halvings in a bisection: it ends at 1/4096 of the tolerance."""
+SINGLE, SEVERAL = 0.5, 0.8
+"""Shares of a search that are done after single changes and after several, about."""
 LOST_ROOM = 1e9
 """Share of its limits' margin that a build counts for which is no camera."""
 UNNOTICED = 0.002
@@ -256,7 +259,12 @@ def searched_builds(plan: TolerancePlan) -> int:
 
 
 def budget(
-    plan: TolerancePlan, study: Study, grades: Grades, given: Yield, scaled: tuple[float, Yield] | None = None
+    plan: TolerancePlan,
+    study: Study,
+    grades: Grades,
+    given: Yield,
+    scaled: tuple[float, Yield] | None = None,
+    tell: Share = UNHEARD,
 ) -> ToleranceBudget:
     """Budget of changes that reach a study's target yield, and of tolerances to relax.
 
@@ -271,6 +279,8 @@ def budget(
         As the run has it.
     scaled : (factor, yield), optional
         The common factor on all tolerances that reaches it.
+    tell : callable
+        Told how much of the search is done.
     """
     target = study.yield_target
     trials = search_trials(searched_builds(plan), target)
@@ -285,7 +295,8 @@ def budget(
             for change, builds in adjusted
             for sure in _sure("adjustment", change.steps[0], change.cost, builds, target, change.result)
         ]
-        reaching += [*_single(now, parts, grades, target, trials), *_several(now, parts, grades, target, trials)]
+        reaching += _single(now, parts, grades, target, trials, part_of(tell, 0.0, SINGLE))
+        reaching += _several(now, parts, grades, target, trials)
         if scaled is not None:
             extras = [part.extra(scaled[0] * part.tolerance) for part in parts]
             steps = tuple((part.place, "", scaled[0] * part.tolerance) for part in parts)
@@ -299,9 +310,13 @@ def budget(
             start, reached = reaching[0][1], True
     moved = {place for place, *_ in changes[0].steps} if changes else set()
     left = [part for part in parts if part.place not in moved]
+    told = SEVERAL * (not given.value >= target)
+    tell(told)
 
     def loosened(aim: _Aim) -> tuple[tuple[_Looser, ...], _Builds] | None:
-        looser, builds = _loosened(start, left, grades, aim)
+        nonlocal told
+        begin, told = told, (1 + told) / 2  # nobody knows how often it is searched anew
+        looser, builds = _loosened(start, left, grades, aim, part_of(tell, begin, told))
         return (looser, builds) if looser else None
 
     if reached:  # what loses no build of those that hold now is as good as they are
@@ -321,11 +336,12 @@ def budget(
 
 
 def _single(
-    now: _Builds, parts: Sequence[_CostedPart], grades: Grades, target: float, trials: int
+    now: _Builds, parts: Sequence[_CostedPart], grades: Grades, target: float, trials: int, tell: Share
 ) -> Iterator[tuple[Change, _Builds]]:
     """Changes of one thing alone that reach the target."""
     aim = _Aim.at(target, trials)
-    for part in parts:
+    for index, part in enumerate(parts):
+        tell(index / len(parts))
         if not aim.held_by(now.with_part(part, 0.0)):
             continue  # not even a perfect one
         for name, width in zip(grades.names, part.widths, strict=True) if part.line else ():
@@ -472,7 +488,7 @@ def _pruned(
 
 
 def _loosened(
-    start: _Builds, parts: Sequence[_CostedPart], grades: Grades, aim: _Aim
+    start: _Builds, parts: Sequence[_CostedPart], grades: Grades, aim: _Aim, tell: Share
 ) -> tuple[tuple[_Looser, ...], _Builds]:
     """Parts to looser grades, those that matter least first, as long as the aim is held."""
     options, few = [], _few(start, aim)
@@ -484,7 +500,8 @@ def _loosened(
             options.append((start.with_part(part, wider[0][0]), part, wider))
     builds, looser = start, []
     _, *used = start.used(share, few, *(option[0] for option in options))
-    for at in np.argsort(used, kind="stable").tolist():
+    for done, at in enumerate(np.argsort(used, kind="stable").tolist(), 1):
+        tell(done / (len(options) + 1))
         _, part, wider = options[at]
         for width, name in wider:
             other = builds.with_part(part, width)

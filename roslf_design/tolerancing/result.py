@@ -21,7 +21,7 @@ from ..design.files import WRITTEN
 from ..errors import InputError
 from ..evaluation.required import Requirement, missed_words, required_of
 from ..json_data import plain
-from ..progress import CountedProgress, silent
+from ..progress import CountedProgress, part_of, silent
 from ..tables import BriefValue
 from ..theory.depth_budget import DepthBudget, depth_budget
 from ..theory.focused import is_focused
@@ -362,6 +362,10 @@ def sobol_samples(plan: TolerancePlan, study: Study) -> int:
     return min(study.sobol_samples, 1 << int(math.log2(max(MOST_DEAR / (len(plan.draws.factors) + 2), 1))))
 
 
+BUDGET = 6
+"""Place of the tolerance budget among the steps of `builds_of_analyses`."""
+
+
 def builds_of_analyses(plan: TolerancePlan, study: Study, grades: Grades, budgets: bool = True) -> tuple[int, ...]:
     """Builds that each step of `analyse` takes, about; one whose depth errors are summed anew counts for many."""
     count, at_once, holds = len(plan.draws.perturbations), curve_trials(plan), not plan.nominal_misses()
@@ -384,15 +388,19 @@ def analyse(
 ) -> StudyResult:
     """Every analysis of a study whose trials have run; `budgets`: what reaches the target yield, too.
 
-    `progress` is told after each how much is done, by the builds that it takes, about.
+    `progress` is told after each how much is done, by the builds that it takes, about; of the budget also within.
     """
     count, at_once = len(plan.draws.perturbations), curve_trials(plan)
     misses, samples = plan.nominal_misses(), sobol_samples(plan, study)
     costs, budgets = builds_of_analyses(plan, study, grades, budgets), budgets and not misses
-    shares = iter((np.cumsum(costs) / sum(costs)).tolist())
+    ends = (np.cumsum(costs) / sum(costs)).tolist()
+    shares = iter(ends)
+
+    def done(part: float) -> None:
+        progress("analyses", part, 1.0)
 
     def tell() -> None:
-        progress("analyses", next(shares), 1.0)
+        done(next(shares))
 
     tell()
     variants, moves = summarise(plan, tally), sensitivity(plan)
@@ -412,7 +420,9 @@ def analyse(
     alone = zip(() if misses else inverse_sensitivity(plan, share), plan.draws.perturbations, strict=False)
     allowed = tuple(_within_reach(one, p, kinds[p.place]) for one, p in alone)
     tell()
-    saved = budget(plan, study, grades, given, scaled) if budgets else None
+    saved = (
+        budget(plan, study, grades, given, scaled, part_of(done, *ends[BUDGET - 1 : BUDGET + 1])) if budgets else None
+    )
     tell()
     yields = _grades(plan, study, grades, given)
     tell()

@@ -64,7 +64,13 @@ def shop(tmp_path):
         }
         plan, study, grades = tolerance_plan({**data, **more}, folder=tmp_path)
         given = summarise(plan, tally_chunk(plan, 0))[-1].result
-        return budget(plan, study, grades, given, scale_for_yield(plan, study.yield_target)), plan
+        told = []
+        found = budget(plan, study, grades, given, scale_for_yield(plan, study.yield_target), told.append)
+        assert told == sorted(told)
+        assert len(told) > 1
+        assert told[0] >= 0
+        assert told[-1] < 1
+        return found, plan
 
     return made
 
