@@ -400,11 +400,11 @@ def _walked(
         outcome: Result | StudyResult | BuildSpread | PlanOptions | Calibrated
         if part.kind == "optimize":
             tell = _prefixed(progress, f"{where}, optimisation")
-            outcome = optimise.run_optimisation(data, design, file.parent, str(file), tell, seed)
-            taken = _taken(outcome, part.take)
+            result: Result = optimise.run_optimisation(data, design, file.parent, str(file), tell, seed)
+            taken = _taken(result, part.take)
             if taken is None:
-                raise InputError((Problem(f"parts.{index}", _nothing(outcome, part.take)),), story.origin)
-            design = taken
+                raise InputError((Problem(f"parts.{index}", _nothing(result, part.take)),), story.origin)
+            outcome, design = result, taken
         elif part.kind == "tolerance":
             tell = _prefixed(progress, f"{where}, tolerances")
             outcome = tolerances(data, design, file.parent, str(file), tell, seed)
