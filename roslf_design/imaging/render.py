@@ -153,7 +153,10 @@ def render(
         sampling = RaySampling(tolerance=max(budget.intensity, 1e-4), seed=seed)
     piece = Region.checked(Camera.of(design), region).drawn()
     core = None if inner is None else Region.checked(Camera.of(design), inner)
-    jobs = _jobs(design, scene, effects, budget, sampling, threads or os.cpu_count() or 1, core, over)
+    count = threads or os.cpu_count() or 1
+    jobs = [
+        (one, _Job(design, each, effects, budget, sampling, count, core, over)) for one, each in _scenes(design, scene)
+    ]
     pixels = np.zeros((piece.rows, piece.columns), np.float32)
     generator = np.random.default_rng(seed)
     for number, (one, job) in enumerate(jobs):
@@ -179,24 +182,13 @@ def render(
 
 def method_of(design: Design, scene: Scene, effects: Plan) -> str:
     """Method by which a scene would be rendered, as `RawImage.method` has it."""
-    return _jobs(design, scene, effects, Budget(), RaySampling(), 1)[0][1].method
+    _, first = _scenes(design, scene)[0]
+    return _Job(design, first, effects, Budget(), RaySampling(), 1).method
 
 
-def _jobs(
-    design: Design,
-    scene: Scene,
-    effects: Plan,
-    budget: Budget,
-    sampling: RaySampling,
-    threads: int,
-    inner: Region | None = None,
-    over: float = 0.0,
-) -> list[tuple[ColourFilter | None, _Job]]:
-    """Renderings that a raw image is put together from: one, or one a colour of the sensor's filters."""
-    scenes: list[tuple[ColourFilter | None, Scene]] = [
-        (one, scene.in_light((one.wavelength,))) for one in filters(design.sensor.colours)
-    ] or [(None, scene)]
-    return [(one, _Job(design, each, effects, budget, sampling, threads, inner, over)) for one, each in scenes]
+def _scenes(design: Design, scene: Scene) -> list[tuple[ColourFilter | None, Scene]]:
+    """Scenes that a raw image is put together from: one, or one a colour of the sensor's filters."""
+    return [(one, scene.in_light((one.wavelength,))) for one in filters(design.sensor.colours)] or [(None, scene)]
 
 
 def _put(pixels: Image, row: int, light: Image, one: ColourFilter | None, design: Design, region: Region) -> None:
