@@ -129,9 +129,7 @@ def settle(
     raise _out_of_reach(accuracy, least, f"{job.method}, {_effort(job.ladder[-1][-1])}")
 
 
-def stated(
-    image: RawImage, settled: _Settled | None, accuracy: float | None, budget: Budget, seconds: float | None = None
-) -> Accuracy:
+def stated(image: RawImage, settled: _Settled | None, accuracy: float | None, budget: Budget) -> Accuracy:
     """Accuracy of a picture, measured on it where one was asked for.
 
     Parameters
@@ -142,20 +140,17 @@ def stated(
         That was asked for.
     budget : Budget
         It was made by.
-    seconds : float, optional
-        That it took, everything included.
     """
-    taken = image.seconds if seconds is None else seconds
     budget = budget if settled is None else settled.budget
     job = _Job(image.design, image.scene, image.plan, budget, image.seed, image.region, image.method)
     if settled is None:
         expected = job.floor + (2 * max(budget.intensity, 1e-4) if job.ladder else 0.0)
-        return Accuracy(OF, image.method, expected, seconds=taken, model=job.model)
+        return Accuracy(OF, image.method, expected, seconds=image.seconds, model=job.model)
     measured, by = None, ""
     if job.ladder and job.rays(settled.sampling) <= max(CHEAP, CHEAPER * image.rays):
         measured, _ = job.error(settled.sampling, job.patches(1, True))
         by = "other patches again, with finer samples and another seed"
-    return Accuracy(OF, settled.method, settled.expected_error, measured, by, accuracy, taken, job.model)
+    return Accuracy(OF, settled.method, settled.expected_error, measured, by, accuracy, image.seconds, job.model)
 
 
 def left_out(chosen: Plan) -> float:
