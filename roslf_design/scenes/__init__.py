@@ -1,7 +1,7 @@
 """Scenes before the camera: white field, textured planes, point sources, spheres, tubes; TOML in."""
 
 from .objects import Checkerboard, Noise, PictureTexture, Plane, Points, Sinusoid, Sphere, Tube, Uniform, White
-from .scene import WHITE_FIELD, Scene, SceneError, SceneLight, load_scene, loads_scene, make_scene
+from .scene import WHITE_FIELD, Scene, SceneError, SceneLight, load_scene, make_scene
 
 __all__ = [
     "WHITE_FIELD",
@@ -19,6 +19,5 @@ __all__ = [
     "Uniform",
     "White",
     "load_scene",
-    "loads_scene",
     "make_scene",
 ]

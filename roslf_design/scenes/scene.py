@@ -17,7 +17,7 @@ from ..effects import SceneBrief, Subject
 from ..errors import InputError, Problem
 from ..theory.colours import filters
 from ..theory.photometry import veil_level
-from ..toml_files import parse_toml, problems_of, read_toml
+from ..toml_files import problems_of, read_toml
 from ..units import Length
 from .objects import (
     OBJECTS,
@@ -213,12 +213,6 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     origin = os.fspath(path)
     data = read_toml(Path(path), origin, "check the path to the scene", refusal=SceneError)
     return make_scene(data, from_file=True, origin=origin, folder=Path(path).parent)
-
-
-def loads_scene(text: str, origin: str = "", folder: Path | None = None) -> Scene:
-    """Read a scene from TOML text; `origin` is what errors call it, `folder` where relative picture files are."""
-    data = parse_toml(text, origin, refusal=SceneError)
-    return make_scene(data, from_file=True, origin=origin, folder=folder)
 
 
 def make_scene(

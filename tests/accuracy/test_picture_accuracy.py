@@ -14,15 +14,17 @@ from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling
 from roslf_design.imaging.transfer import MicrolensTransfer
 from roslf_design.imaging.white import harmonic_series
-from roslf_design.scenes import WHITE_FIELD, Plane, Scene, Sinusoid, loads_scene
+from roslf_design.scenes import WHITE_FIELD, Plane, Scene, Sinusoid, make_scene
 from studies.accuracy.pictures import cameras, try_picture
 
 PAPER = roslf.load("paper")
 REGION = (2000, 1300, 32, 26)
 """Of 2.5 x 2 microlenses: its eight worst pixels are beyond the quantile that is promised."""
-BOARD = loads_scene(
-    'name = "board"\n[[objects]]\nkind = "plane"\ndistance = "300 mm"\n'
-    '[objects.texture]\nkind = "checkerboard"\nperiod = "4 mm"\n'
+BOARD = make_scene(
+    {
+        "name": "board",
+        "objects": [{"kind": "plane", "distance": 300.0, "texture": {"kind": "checkerboard", "period": 4.0}}],
+    }
 )
 SHARP = ("-microlens_diffraction", "-microlens_defocus")
 

@@ -18,9 +18,9 @@ from roslf_design.scenes import (
     Sinusoid,
     Tube,
     load_scene,
-    loads_scene,
     make_scene,
 )
+from roslf_design.toml_files import parse_toml
 
 PAPER = load("paper")
 
@@ -62,12 +62,12 @@ kind = "white"
 
 def faults(text):
     with pytest.raises(SceneError) as error:
-        loads_scene(text, "s.toml")
+        make_scene(parse_toml(text, "s.toml", refusal=SceneError), from_file=True, origin="s.toml")
     return str(error.value).splitlines()
 
 
 def test_reads_every_kind():
-    scene = loads_scene(FULL)
+    scene = make_scene(parse_toml(FULL, ""), from_file=True)
     assert [thing.kind for thing in scene.objects] == ["plane", "sphere", "points", "tube", "white"]
     assert scene.objects[0].distance == 350.0
     assert scene.objects[0].texture == Checkerboard(period=4.0, low=0.2)
