@@ -61,7 +61,7 @@ class _Options(Options):
     scene: str | None = None
     """A scene file: how many rays a pixel of it needs, on a patch about the field."""
     accuracy: float = 1e-3
-    """What a result may be off by; each quantity's error is explained on the page."""
+    """Error that a result may have; each quantity's error is explained on the page."""
     quantity: str | None = None
     """Only this one, as "pixel image". Default: all, or none where a scene is given."""
     field: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None

@@ -62,9 +62,8 @@ class _Contents(Options):
     seed: int | None = None
     """Seed of all that is drawn at random, instead of the studies' own; the same seed gives the same bytes."""
     accuracy: float | None = None
-    """Of a design, or of designs compared: what shares of light may be off by where parts are tilted and rays are
-    counted, as 1e-4. A study's own accuracy is asked of roslf optimize and roslf tolerance."""
-
+    """Error that shares of light may have where parts are tilted and rays are counted, as 1e-4: of a design, or of
+    designs compared. A study's own accuracy is asked of roslf optimize and roslf tolerance."""
     at: Distances = None
     """Distance ahead of the tip, as "10mm", that it reports beside the focal plane; may be given several times."""
 
