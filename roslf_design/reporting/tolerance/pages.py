@@ -184,10 +184,13 @@ def short_words(result: StudyResult) -> str:
     told = "; ".join(words for words, _ in result.short_of)
     if not told:
         return ""
-    if QUANTITIES["u_z_mm"].label not in told or any(result.limited_otherwise()):
+    if QUANTITIES["u_z_mm"].label not in told:
         return f"Builds fall short of what the design's [required] asks for: {told}."
-    better = "Of depth, once a camera is calibrated, believe the verdict with its lengths as calibrated."
-    return f"Builds that nobody calibrates fall short of what the design's [required] asks for: {told}. {better}"
+    said = any(one.quantity == "u_z_mm" for one, *_ in result.limited_otherwise())  # by `believed`
+    better = (
+        "" if said else " Of depth, once a camera is calibrated, believe the verdict with its lengths as calibrated."
+    )
+    return f"Builds that nobody calibrates fall short of what the design's [required] asks for: {told}.{better}"
 
 
 def believed(result: StudyResult) -> str:
