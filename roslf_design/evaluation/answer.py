@@ -130,7 +130,7 @@ class FirstAnswer:
     at: tuple[_AtDistance, ...]
     """At the focal plane, then at the distances asked for."""
     outermost: str = CORNER
-    """What counts as its corner: that of the field, or of a round field that is required its rim."""
+    """Place that counts as its corner: that of the field, or of a round field that is required its rim."""
 
     @classmethod
     def of(
@@ -249,7 +249,7 @@ class FirstAnswer:
 
     @property
     def outer_words(self) -> str:
-        """Where what is told of the corner is, in words."""
+        """Place of what is told of the corner, in words."""
         return "in the corner" if self.outermost == CORNER else f"at the {self.outermost}"
 
     @property

@@ -134,7 +134,7 @@ def round_radius(design: Design) -> float | None:
 
 
 def judged_field(design: Design) -> SensorField:
-    """What is to be lit and imaged of the array: all that the sensor sees, or the square whose corners lie on the rim.
+    """Part of the array to be lit and imaged: all that the sensor sees, or the square whose corners lie on the rim.
 
     That rim is of the round field that the design requires.
     """

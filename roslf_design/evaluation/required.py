@@ -221,18 +221,8 @@ def requirements(
     told, others = [], _also_held(shown.design, camera)
     for asked, quantity, low, high in limits(shown.design):
         depth = budget(asked.at) if quantity.name == "u_z_mm" else None
-        field, place, sampled = asked.off_axis, None, False
-        if field is not None:
-            value, place, sampled = _off_axis(shown, asked, quantity, depth)
-            rays = closed = value
-            middle = math.nan
-            if quantity.name == DETAIL:
-                traced = shown.told(quantity, asked.at)
-                middle = float(quantity(camera, asked.at)) if traced is None else traced
-        else:
-            closed = float(quantity(camera, asked.at) if depth is None else depth.u_z_mm)
-            rays = shown.told(quantity, asked.at)
-            value = middle = closed if rays is None else rays
+        field = asked.off_axis
+        value, closed, rays, middle, place, sampled = _valued(shown, camera, asked, quantity, depth)
         undefined = math.isnan(value) or (quantity.of_views and not has_views(camera))
         met = not undefined and bool(quantity.within(low, high, value))
         dark = _darkness(shown, quantity, low, value) if met else None
@@ -300,6 +290,27 @@ def requirements(
             Requirement(quantity.name, label, *numbers, quantity.unit, met, *words, twin, field, caution, place)
         )
     return tuple(told)
+
+
+_Valued = tuple[float, float, float | None, float, tuple[float, float] | None, bool]
+"""Value; closed forms' and rays' own; the middle's, NaN where it tells nothing; microlens [mm]; limited by sampling."""
+
+
+def _valued(
+    shown: FieldImages, camera: Camera, asked: Required, quantity: Quantity, depth: DepthBudget | None
+) -> _Valued:
+    """Value of a quantity where it is required."""
+    if asked.off_axis is not None:
+        value, place, sampled = _off_axis(shown, asked, quantity, depth)
+        middle = math.nan
+        if quantity.name == DETAIL:
+            traced = shown.told(quantity, asked.at)
+            middle = float(quantity(camera, asked.at)) if traced is None else traced
+        return value, value, value, middle, place, sampled
+    closed = float(quantity(camera, asked.at) if depth is None else depth.u_z_mm)
+    rays = shown.told(quantity, asked.at)
+    value = closed if rays is None else rays
+    return value, closed, rays, value, None, False
 
 
 def _off_axis(

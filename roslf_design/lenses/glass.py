@@ -160,9 +160,9 @@ class Glass:
             return index + np.zeros(warm.shape) if warm.ndim else index
         with np.errstate(all="ignore"):  # at the resonance of a law it has no value, which is told
             warmed = _warmed(self.warming, index, length * 1e3, warm)
-        known = (np.real(warm) >= self.warming.coldest) & (np.real(warm) <= self.warming.hottest)
-        warmed = np.where(known, warmed, np.nan)[()]  # of builds beyond it, which are no cameras
-        if not np.all(~known | (abs(warmed - index) < MOST_WARMED)):
+        within = (np.real(warm) >= self.warming.coldest) & (np.real(warm) <= self.warming.hottest)
+        warmed = np.where(within, warmed, np.nan)[()]  # of builds beyond it, which are no cameras
+        if not np.all(~within | (abs(warmed - index) < MOST_WARMED)):
             message = f"{self.name} has no index at its temperature there: its dn/dT is as at a resonance; mend it"
             raise InputError((Problem("dndt", message),))
         return warmed

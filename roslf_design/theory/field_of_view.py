@@ -78,8 +78,13 @@ def tip_field_of_view(c: Camera, field: SensorField, ahead: Number | None) -> Ac
 
 def object_field(c: Camera, field: SensorField, ahead: Number | None) -> Across:
     """Width, height and diagonal of the field on a plane `ahead` of the tip, or the focal plane if None [mm]."""
-    z = c.tip + (focus_ahead(c) if ahead is None else ahead)
+    z = _plane(c, ahead)
     return Across.widest([_apart(a.on_plane(z), b.on_plane(z)) for a, b in _of_ends(c, field)])
+
+
+def _plane(c: Camera, ahead: Number | None) -> Number:
+    """Place of a plane `ahead` of the tip, or of the focal plane if None, before the main lens [mm]."""
+    return c.tip + (focus_ahead(c) if ahead is None else ahead)
 
 
 def _apart(one: Places, other: Places) -> Array:
@@ -122,8 +127,7 @@ def round_field_of_view(c: Camera, field: SensorField) -> Array:
 
 def round_object_radius(c: Camera, field: SensorField, ahead: Number | None) -> Array:
     """Radius of the largest circle about the axis all of which the sensor sees, `ahead` of the tip or in focus [mm]."""
-    met = _of_feet(c, field).on_plane(c.tip + (focus_ahead(c) if ahead is None else ahead))
-    return round_within(field, np.hypot(*met))
+    return round_within(field, np.hypot(*_of_feet(c, field).on_plane(_plane(c, ahead))))
 
 
 def _of_feet(c: Camera, field: SensorField) -> ChiefRays:

@@ -176,11 +176,11 @@ class StudyResult(BriefValue):
 
     @cached_property
     def required(self) -> tuple[Requirement, ...]:
-        """What the design requires, its lengths as built, as nobody calibrates them."""
+        """Requirements of the design, its lengths as built, as nobody calibrates them."""
         return required_of(self.plan.question.design, self.built)
 
     def limited_otherwise(self) -> Iterator[tuple[Requirement, tuple[float, float], Yield, Yield | None]]:
-        """What the design requires and the study limits by other ends or by other values.
+        """Requirements of the design that the study limits by other ends or by other values.
 
         Each with the study's own ends and the share that holds them, and the share that meets what is required; None
         where builds do not tell that.
