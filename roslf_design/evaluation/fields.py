@@ -101,18 +101,18 @@ def _radius(design: Design, angle: float | None, height: float | None, at: float
     camera = Camera.of(design)
     corner, shares = _middle_and_corner(camera)[1], np.linspace(0.0, 1.0, TRIED)
     plane = float(focus_ahead(camera)) if at is None else at
+    wanted = (angle or 0.0) if height is None else height  # one of both is given
     for _ in range(2):
         images = images_of(design, on_array(camera, shares[:, np.newaxis] * corner))
         ways = off_axis(images.directions) if height is None else np.hypot(*images.on_plane(plane))
         off = np.broadcast_to(ways, (TRIED, 1))[:, 0]
-        wanted = angle if height is None else height
         beyond = np.flatnonzero(off >= wanted * (1 - FEASIBLE))
         if not beyond.size:
             return None
         k = max(int(beyond[0]), 1)
         between = shares[k - 1 : k + 1]
         share = float(np.interp(wanted, off[k - 1 : k + 1], between))
-        shares = np.linspace(*between, TRIED)
+        shares = np.linspace(between[0], between[1], TRIED)
     return share * float(np.hypot(*corner))
 
 
