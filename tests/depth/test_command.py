@@ -112,7 +112,8 @@ def test_images_that_overlap_twice_are_called_so(tmp_path, few_rays):
     assert trial.unknown() == {DisparityStatus.MIXED.reason: 1.0}
     answer = known(trial, trial.summary())
     assert answer.tone == "bad"
-    assert "match the f-number" in answer.remedy
+    assert "2.2 times as wide as they lie apart, and a pixel has light of 3.8 microlenses" in answer.remedy
+    assert "Match the f-number" in answer.remedy
 
 
 def test_a_wrong_belief_shows_as_bias(few_rays):

@@ -7,11 +7,14 @@ from collections.abc import Iterator, Sequence
 
 from ...camera import Camera
 from ...depth.estimate import DisparityStatus, epipolar_plane
+from ...depth.geometry import ArrayGeometry, ViewGeometry
 from ...depth.measure import REASONS, Measurement, Summary, Trial
 from ...design import Design
 from ...drawing.picture import Picture
+from ...shapes.lattice import PACKINGS
 from ...theory.colours import filters
 from ...theory.depth_budget import MISMATCH, WARMTH, depth_budget
+from ...theory.depth_error import MOST_FILL, fill_left
 from ...theory.quantities import QUANTITIES
 from ...words import length, listed, number, percent
 from ..blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table, Tone
@@ -235,16 +238,27 @@ def known(trial: Measurement, summary: Summary) -> Statement:
     if reasons.get(DisparityStatus.OUT_OF_RANGE.reason, 0.0) > 1 - FEW:
         remedy += " Search elsewhere: --between takes disparities, and distances where a camera is known."
     if reasons.get(DisparityStatus.MIXED.reason, 0.0) > 1 - FEW:
-        remedy += (
-            " Microlens images overlap so much that views cannot be told apart: match the f-number; roslf evaluate "
-            "names the lengths that do."
-        )
+        remedy += f" {_overlap(trial.first.geometry)}"
     if DisparityStatus.UNSHARP.reason in reasons:
         blurred = trial.first.disparities.status == DisparityStatus.UNSHARP
         apart = float(trial.first.views_aside[blurred].mean())
         remedy += f" Where the lens is not sharp, views look {apart:.0f} microlenses apart: look nearer to the axis."
     tone: Tone = "good" if summary.measured >= FEW else "caution" if summary.measured > 0 else "bad"
     return Statement(tone, text, remedy)
+
+
+def _overlap(geometry: ViewGeometry) -> str:
+    """How far microlens images overlap where no pixel shows mostly its own microlens, and what is to be done."""
+    words = "Microlens images overlap so much that views cannot be told apart"
+    if isinstance(geometry, ArrayGeometry):
+        camera = geometry.camera
+        fill = float(fill_left(camera))
+        shared = math.pi / 4 * fill**2 / PACKINGS[camera.layout].rise
+        words = (
+            f"Microlens images are {number(fill, 2)} times as wide as they lie apart, and a pixel has light of "
+            f"{number(shared, 2)} microlenses: from {MOST_FILL[camera.layout]} times on views cannot be told apart"
+        )
+    return f"{words}. Match the f-number; roslf evaluate names the lengths that do."
 
 
 def _believe(trial: Trial, ratio: float) -> str:
