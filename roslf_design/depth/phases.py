@@ -18,21 +18,9 @@ from ..shapes.lattice import PACKINGS
 from ..theory.colours import panchromatic
 from ..theory.image_parts import ImageParts, waves_shown
 from ..theory.stop_images import MicrolensImages
-from .unmixing import (
-    COARSE,
-    LEAST,
-    ROUNDS,
-    SENT,
-    SHARED,
-    SURE,
-    Mixing,
-    NodeMap,
-    PreparedViews,
-    ViewLight,
-    aside_by_cuts,
-    light_shares,
-    reading,
-)
+from .mixing import LEAST, ROUNDS, SURE, Mixing
+from .nodes import COARSE, NodeMap
+from .unmixing import SENT, SHARED, PreparedViews, ViewLight, aside_by_cuts, light_shares, reading
 from .warping import fill_holes
 
 WAVES = 13

@@ -37,7 +37,8 @@ from ..theory.stop_images import MicrolensImages
 from ..theory.transfer import MicrolensTransfer, pixel_box
 from ..traced.camera import LensCamera, RayViews, camera_of, chief_slope, microlenses, sensor_of_pupil, views
 from ..traced.images import forward_rays
-from .unmixing import NodeMap, reading
+from .nodes import NodeMap
+from .unmixing import reading
 
 Array = NDArray[np.float64]
 

@@ -7,48 +7,28 @@ How much of it there is follows from the camera, and what the neighbours see sta
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._jit import WHOLE, Band, kernel, prange
 from ..calibration.decoding import DARKEST, LightField, left_by_rows, read_between, squared
 from ..camera import Camera
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import panchromatic
 from ..theory.exit_pupil import microlens_image_pitch
-from ..theory.image_parts import AS_IT_IS, FINEST_PLACES, STEPS, ImageParts, Read, image_parts, light_read
+from ..theory.image_parts import AS_IT_IS, FINEST_PLACES, ImageParts, Read, image_parts, light_read
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus
-from ..theory.stop_images import MicrolensImages
+from .mixing import FAINT, LEAST, STRONG, SURE, Mixing, add_neighbours, free_samples, freed_in_rounds
+from .nodes import NodeMap, Nodes, TracedLens, cut_images, image_shapes, on_grid
 from .warping import fill_holes
 
-STEP = 0.05
-"""Cut microlens images are worked out wherever their cut moved by so much of their diameter, others lie between."""
-LEAST_NODES, MOST, HELD = 400, 2000, 40_000_000
-"""Places up to which that is done anyway, and at most; light of samples that is held where there are more."""
-WIDER = 0.02
-"""Share by which images behind a real lens grow that counts as such a step."""
-BENT = 5e-4
-"""Share of their size by which images between such places may differ along an axis from what is interpolated: light at
-their rims goes over from one microlens to the next within a few hundredths of it, and looks a pitch aside."""
-ASIDE, RIM, SAME = 0.005, 0.5 * np.eye(2), 4.0
-"""Pitches by which what views from places on the FAP's rim see aside may differ likewise, as phases of waves go with
-that; times either by which whole images may differ where one stands for all."""
-COARSE = 9
-"""Places along each axis at which is looked whether any is cut."""
 BLOCK, COMMON = 32, 12.0
 """Places at a time, for memory's sake, where diffraction passes so many periods in a pitch; fewer where more."""
-ROUNDS = 8
-"""Rounds of taking neighbours' light away: what is left falls to less than a third each time."""
-FAINT, STRONG, SLOW = 1e-5, 0.02, (1, 3, 6)
-"""Share of a neighbour's light in a sample that is let be; up to which it is looked at in some rounds alone; these."""
 BETWEEN, ALIKE = 8, 0.004
 """Places between pixels along each axis at which light is worked out; share of it up to which they are alike."""
 MANY_BETWEEN, TURNED = 32, 0.2
@@ -58,11 +38,6 @@ FARTHEST = 0.25
 """Pitches from a microlens's middle beyond which no sample is taken to look."""
 CORNERS = (-1, -1), (-1, 1), (1, -1), (1, 1)
 """Places of a microlens that stand for all of it, over their rms along each axis."""
-NEAR = 0.03
-"""Pitches beside what a view shows up to which neighbours' light is taken for what it shows."""
-LEAST, SURE = 0.6, 0.65
-"""Own share of a sample's light under which it is dropped: it tells more of its neighbours. Share from which on it
-tells what the microlens sends others: of less errors would go to and fro, and the mean of its other samples does."""
 SHARED, SENT, PAYS = 0.3, 0.02, 1.3
 """Own share of a sample's light from which on it tells disparities where the picture says what neighbours send; share
 from which on its place counts among those that they send from; times the information from which on that pays."""
@@ -70,45 +45,12 @@ TURNS, FREQUENCIES = 4, (0.1, 0.25, 0.4, 0.55, 0.7)
 """Directions of waves that pictures' answers are averaged over, and their frequencies, over the finest of the array."""
 BEYOND = 8
 """Microlenses that a picture is continued beyond its sides, as it was before them turned about them."""
-FEW = 1_000_000
-"""Pairs of points below which all distances are worked out sooner than scipy.spatial is imported."""
 
 
 def places_on_array(camera: Camera, field: LightField) -> NDArray[np.float64]:
     """Places of a light field's microlenses on the array, shape (v, u, 2) [mm]."""
     u, v = np.meshgrid(field.u, field.v)
     return np.stack([u, v], -1) * float(camera.d)
-
-
-class TracedLens(Protocol):
-    """Lens and elements, by what they make of microlens images and of where these look."""
-
-    def cut(self, images: MicrolensImages) -> MicrolensImages:
-        """Images cut as rays have it."""
-
-    def images(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Images at places on the array (n, 2) [mm] against those of an ideal lens, as `image_parts` takes them."""
-
-    def apart(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How far neighbours' images lie apart there, against first order, row by column (n, 2, 2)."""
-
-    def parts(self, camera: Camera, field: LightField, places: NDArray[np.float64]) -> ImageParts | None:
-        """`ImageParts` where images are cut at some places (n, 2), neighbours' where they lie; None of whole ones.
-
-        Of microlenses as the camera has them, and the sensor behind them.
-        """
-
-    def aside(self, places: NDArray[np.float64], pupil: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How far to the side views from points on the FAP (2, n, ...) [diameters] see there [pitches]; likewise."""
-
-    def shown(
-        self, field: LightField, places: NDArray[np.float64], waves: NDArray[np.float64],
-        disparities: NDArray[np.float64],
-    ) -> Iterator[tuple[NDArray[np.complex128], NDArray[np.float64]]]:  # fmt: skip
-        """For each disparity, waves as `waves_shown` has them (W, n, T, S), and where samples look (2, n, T, S).
-
-        That by their own light, on average [pitches].
-        """
 
 
 class PreparedViews(NamedTuple):
@@ -121,54 +63,6 @@ class PreparedViews(NamedTuple):
     (2, t, s, v, u) where it differs over the views."""
     aside: NDArray[np.floating] | None = None
     """How far from the microlens's middle that light passed it, on average, backwards [pitches]: likewise."""
-
-
-class _Nodes(NamedTuple):
-    """Microlenses whose images are worked out, by rows and columns of views: one of each where all are alike."""
-
-    rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
-    few: tuple[int, int]
-    """As many along each axis as do for what goes slowly from one microlens to the next, as phases of waves."""
-
-    @classmethod
-    def of(cls, camera: Camera, places: NDArray[np.float64], real: TracedLens | None, samples: int) -> _Nodes:
-        """Nodes of places on the array, shape (v, u, 2) [mm], for so many samples of each."""
-        size = places.shape[:2]
-
-        def spread(counts: Iterable[int]) -> list[NDArray[np.intp]]:
-            return [
-                np.linspace(0, n - 1, min(n, count)).round().astype(np.intp)
-                for n, count in zip(size, counts, strict=True)
-            ]
-
-        rows, columns = spread((COARSE, COARSE))
-        some = places[np.ix_(rows, columns)].reshape(-1, 2)
-        images = _cut(camera, some, real)
-        shapes = _images(some, real).reshape(rows.size, columns.size, -1)
-        rim = np.broadcast_to(RIM[:, None], (2, len(some), 2))
-        beside = np.zeros_like(rim) if real is None else real.aside(some, rim)
-        curves = np.concatenate([shapes / BENT, np.moveaxis(beside, 1, 0).reshape(*shapes.shape) / ASIDE], -1)
-        apart = shapes * (STEP / WIDER)
-        if (images.shapes.kept_fraction < 1 - 1e-9).any():
-            centres, spans = images.openings.centres, images.openings.spans
-            cuts = ((centres - centres[..., :1, :]) / spans[..., :1, None]).reshape(rows.size, columns.size, -1)
-            apart = np.concatenate([apart, cuts], -1)
-        elif np.ptp(curves, axis=(0, 1)).max() < SAME:
-            return cls(rows[rows.size // 2, None], columns[columns.size // 2, None], (1, 1))
-        counts = []
-        for axis, at in enumerate((rows, columns)):
-            moved = float(np.ptp(apart, axis=axis).max(initial=0.0))
-            ahead, line = (at / max(at[-1], 1))[:, None, None], np.moveaxis(curves, axis, 0)
-            bent = float(np.abs(line - line[0] - ahead * (line[-1] - line[0])).max())  # a quarter with a node between
-            counts.append([max(2, math.ceil(far) + 1) for far in (moved / STEP, math.sqrt(bent))])
-        few, fine = np.transpose(counts)
-        every = np.maximum(few, fine)
-        most = max(LEAST_NODES, min(MOST, HELD // (len(STEPS) * samples)))
-        less = [min(1.0, math.sqrt(most / math.prod(each.tolist()))) for each in (few, every)]
-        few, every = (np.maximum(2, (each * part).astype(int)) for each, part in zip((few, every), less, strict=True))
-        rows, columns = spread(every)
-        return cls(rows, columns, (int(few[0]), int(few[1])))
 
 
 class _Freeing(NamedTuple):
@@ -202,9 +96,9 @@ class ViewLight:
     """None of an ideal one."""
 
     @cached_property
-    def nodes(self) -> _Nodes:
+    def nodes(self) -> Nodes:
         """Microlenses whose images are worked out."""
-        return _Nodes.of(self.camera, self.places, self.real, self.like.s.size * self.like.t.size)
+        return Nodes.of(self.camera, self.places, self.real, self.like.s.size * self.like.t.size)
 
     @cached_property
     def parts(self) -> tuple[NDArray[np.intp], NDArray[np.intp], ImageParts]:
@@ -235,7 +129,7 @@ class ViewLight:
         sides = math.sqrt(LENS_SHAPES[self.camera.lens_shape].variance) * np.array(CORNERS)
 
         def kept(places: NDArray[np.float64]) -> NDArray[np.float64]:
-            return _cut(self.camera, places, self.real).shapes.kept_fraction[:, 0]
+            return cut_images(self.camera, places, self.real).shapes.kept_fraction[:, 0]
 
         if len(middles) == 1 or kept(middles).min() >= 1 - 1e-9:
             return light, places, aside
@@ -343,7 +237,9 @@ class ViewLight:
             gain = np.divide(1, share, out=np.zeros(light.shape, np.float32), where=(share > LEAST) & (light > 0))
             sure = np.where(share > SURE, gain, 0)
             gain *= (sure > 0).any(0)
-            values[usable] = _freed(np.asarray(lenses.values[usable], np.float32), gain, sure, ways, maps, start)
+            values[usable] = freed_in_rounds(
+                np.asarray(lenses.values[usable], np.float32), gain, sure, ways, maps, start
+            )
             weight[usable] = np.where(gain > 0, light * share**2 / (1 + noise), 0)
         return _with(field, values, weight)
 
@@ -393,14 +289,14 @@ class ViewLight:
         light = lenses.weight[usable]
         shown = _shown(field, usable, looks, disparity, picture)
         raw, freed = np.asarray(lenses.values[usable], np.float32), np.empty_like(shown)
-        known = (picture[_on_grid(field)[0]] != 0).astype(np.float32)
+        known = (picture[on_grid(field)[0]] != 0).astype(np.float32)
         told, dark = np.zeros_like(shown), np.zeros_like(known)
         # Each sample's own as often as it has light of neighbours, and what of these is known.
-        _gather.compiled(np.stack(len(raw) * [known]), np.ones_like(known), *mixing, *maps, start, told)
+        add_neighbours.compiled(np.stack(len(raw) * [known]), np.ones_like(known), *mixing, *maps, start, told)
         beyond = 2 * (1 - share) - told
         good = (share > SHARED) & ((beyond < SENT) | (share > LEAST)) & (light > 0)
         gain = np.divide(1, share, out=np.zeros(light.shape, np.float32), where=good)
-        _free.compiled(raw, gain, gain, np.zeros_like(raw), shown, dark, *mixing, *maps, start, freed)
+        free_samples.compiled(raw, gain, gain, np.zeros_like(raw), shown, dark, *mixing, *maps, start, freed)
         values[usable] = np.where(gain > 0, freed, 0)
         weight[usable] = np.where(gain > 0, light * share**2, 0)
         return looks._replace(field=_with(field, values, weight))
@@ -482,41 +378,6 @@ def aside_by_cuts(camera: Camera, field: LightField, light: NDArray[np.float64])
     return np.moveaxis(np.clip(-variance * share, -FARTHEST, FARTHEST), 1, -1)
 
 
-def _freed(
-    raw: NDArray[np.float32],
-    gain: NDArray[np.float32],
-    sure: NDArray[np.float32],
-    ways: list[Mixing],
-    maps: NodeMap,
-    start: NDArray[np.intp],
-) -> NDArray[np.float32]:
-    """Samples without what neighbours put into them, shape (view, v, u), by Jacobi's iteration; 0 where `gain` is.
-
-    Neighbours send what their samples tell whose `sure` is not 0.
-    """
-    near, faint = ways
-    dark = (sure <= 0).all(0).astype(np.float32)
-    values, other, rest = np.empty_like(raw), np.empty_like(raw), np.zeros_like(raw)
-    _fill.compiled(raw, sure, values)
-    for count in range(ROUNDS):
-        if count in SLOW:  # faint light changes little
-            rest[:] = 0
-            _gather.compiled(values, dark, *faint, *maps, start, rest)
-        _free.compiled(raw, gain, gain if count == ROUNDS - 1 else sure, rest, values, dark, *near, *maps, start, other)
-        values, other = other, values
-    values[gain <= 0] = 0
-    return values
-
-
-def _on_grid(field: LightField) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], NDArray[np.float64]]:
-    """Rows and columns of views nearest to each lens, to index them by, and the place of each among the columns."""
-    rows, count = (field if field.hexagonal is None else field.hexagonal).values.shape[2:]
-    row, column = np.arange(rows)[:, None], np.arange(count)[None, :] + np.zeros((rows, 1))
-    if field.hexagonal is not None:
-        column = (field.hexagonal.starts[:, None] + column - field.u[0]) / float(field.u[1] - field.u[0])
-    return (row, np.clip(np.rint(column).astype(int), 0, len(field.u) - 1)), column
-
-
 def _shown(
     field: LightField, usable: NDArray[np.bool_], looks: PreparedViews, disparity: NDArray[np.float64],
     picture: NDArray[np.float64],
@@ -525,7 +386,7 @@ def _shown(
     from scipy import fft, ndimage
 
     steps = float(field.u[1] - field.u[0]), float(field.v[1] - field.v[0])
-    near, column = _on_grid(field)
+    near, column = on_grid(field)
     row = near[0]
     filled = picture.astype(np.float32)[None]
     fill_holes.compiled(filled, (filled != 0).astype(np.float32))
@@ -564,19 +425,10 @@ def _with(field: LightField, values: NDArray[np.float32], weight: NDArray[np.flo
     return replace(field, values=even, weight=light, hexagonal=rows)
 
 
-def _cut(camera: Camera, places: NDArray[np.float64], real: TracedLens | None) -> MicrolensImages:
-    images = MicrolensImages(camera, places)
-    return images if real is None else real.cut(images)
-
-
-def _images(places: NDArray[np.float64], real: TracedLens | None) -> NDArray[np.float64]:
-    return np.broadcast_to(np.eye(2), (len(places), 2, 2)) if real is None else real.images(places)
-
-
 def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField, real: TracedLens | None) -> ImageParts:
     """`image_parts` of each place, whole images that are alike once."""
-    image = _images(places, real)
-    whole = _cut(camera, places, real).shapes.kept_fraction[:, 0] >= 1 - 1e-9
+    image = image_shapes(places, real)
+    whole = cut_images(camera, places, real).shapes.kept_fraction[:, 0] >= 1 - 1e-9
     kinds = np.concatenate([image.reshape(-1, 4), np.where(whole, -1, np.arange(len(places)))[:, None]], 1)
     _, some, back = np.unique(kinds.round(6), axis=0, return_index=True, return_inverse=True)
     s, t = field.s / field.pitch, field.t / field.pitch
@@ -585,7 +437,7 @@ def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField, re
     )
     block = max(1, int(BLOCK * min(1.0, (COMMON / finest) ** 2)))
     pieces = [
-        image_parts(_cut(camera, places[part], real), s, t, reading(field), image[part])
+        image_parts(cut_images(camera, places[part], real), s, t, reading(field), image[part])
         for part in np.split(some, range(block, some.size, block))
     ]
     # Of many places, microlenses that none has light of would be most of what is to be held.
@@ -640,10 +492,10 @@ def _each_between(
     turned = abs(math.sin(4 * float(camera["microlens_array.rotation"]))) / 4 * field.pitch / 2
     if field.between is None or parts.light.shape[1] > 1 or turned > TURNED:
         return None
-    images = _cut(panchromatic(camera), places, real)
+    images = cut_images(panchromatic(camera), places, real)
     if images.shapes.kept_fraction.min() < 1 - 1e-9:
         return None
-    image = _images(places, real)
+    image = image_shapes(places, real)
     for count in (2, BETWEEN):
         reads = [partial(read_between, between=np.array([part])) for part in np.arange(count) / count]
         light = light_read(images, field.s / field.pitch, field.t / field.pitch, (reads, reads), image)
@@ -658,245 +510,3 @@ def _each_between(
     x, y = (np.broadcast_to(part, light.shape) for part in parts[2:])
     each = _nearer(ImageParts(parts.steps, light, x, y), camera, places, field, real)
     return each, NodeMap(row * (BETWEEN + 1) + column, down, along, BETWEEN + 1)
-
-
-def _nearest(some: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Number of the nearest of some points to each of the places, (M,)."""
-    if len(some) * len(places) <= FEW:
-        # Axis by axis: numpy sums short last axes slowly.
-        along, across = (np.square(places[:, axis, None] - some[:, axis].astype(np.float64)) for axis in (0, 1))
-        return np.asarray((along + across).argmin(1), np.intp)
-    from scipy.spatial import cKDTree
-
-    return np.asarray(cKDTree(some).query(places)[1], np.intp)
-
-
-class Mixing(NamedTuple):
-    """Neighbours' light in every sample: a list for each, one after the other."""
-
-    first: NDArray[np.int64]
-    """Where the list of each sample begins, and the last one ends."""
-    source: NDArray[np.int64]
-    """The neighbour's sample that shows what it sends."""
-    step: NDArray[np.int64]
-    """Steps to the neighbour, shape (M, 2)."""
-    share: NDArray[np.float32]
-    """Share of the sample's light, at the nodes, shape (M, nodes)."""
-
-    @classmethod
-    def of(
-        cls, parts: ImageParts, shares: NDArray[np.float64], own: int, usable: NDArray[np.bool_], faint: bool | None,
-        beside: NDArray[np.float64] | None = None, sure: float = SURE,
-    ) -> Mixing:  # fmt: skip
-        """For samples that are `usable`, shape (t, s), and of them; of faint light, of other, or (None) of all.
-
-        Where light sees `beside`, as `_beside` has it, what the nearest view shows is looked for that much farther on.
-        """
-
-        def picked(part: NDArray[np.float64]) -> NDArray[np.float64]:
-            return np.compress(usable.ravel(), part.reshape(*part.shape[:-2], -1), -1)
-
-        x, y, shares = map(picked, (parts.x, parts.y, shares))
-        most = np.abs(shares).max(1)
-        taken = (most > FAINT) & ((most <= STRONG) == faint if faint is not None else True)
-        taken[own] = False
-        sample, step = np.nonzero(taken.T)
-        steps, count = np.array(parts.steps, np.int64).reshape(-1, 2)[step], np.arange(taken.shape[1] + 1)
-        if beside is None:
-            light = np.abs(parts.light[..., usable])
-            places = np.stack([(axis * light).mean(1) / np.maximum(light.mean(1), 1e-12) for axis in (x, y)], -1)
-            known = np.flatnonzero((shares[own] > sure).any(0))
-            source = known[_nearest(places[own][known], places[step, sample])] if known.size else 0 * sample
-            share = np.ascontiguousarray(shares[step, :, sample], np.float32)
-            return cls(np.searchsorted(sample, count), np.asarray(source, np.int64), steps, share)
-        beside, keys, each = np.broadcast_to(picked(beside), (2, *shares.shape)), [], []
-        far = int(np.abs(steps).max(initial=0)) + math.ceil(float(np.abs(beside).max(initial=0.0)) * 2) + 1
-        size = (*2 * taken.shape[1:], 2 * far + 1, 2 * far + 1)
-        for node in range(shares.shape[1]):
-            some = np.flatnonzero(np.abs(shares[step, node, sample]) > FAINT)
-            to, by = sample[some], step[some]
-            places = np.stack([x[:, node], y[:, node]], -1)
-            lit = np.flatnonzero((shares[own, node] > sure) | (shares[own, node].max() <= sure))
-            source = lit[_nearest(places[own, lit], places[by, to])]
-            off = beside[:, own, node, source] - beside[:, by, node, to]
-            at = steps[some].T + np.where(np.abs(off) > NEAR, off, 0.0)
-            low = np.floor(at).astype(np.int64)
-            before, after = np.array([1 - at + low, at - low])
-            key, sent = np.ravel_multi_index((to, source, *(low + far)), size), shares[by, node, to]
-            for aside, (along, up) in enumerate(itertools.product((before, after), repeat=2)):
-                part = along[0] * up[1] * sent
-                strong = np.abs(part) > FAINT
-                keys.append(key[strong] + (aside // 2) * size[3] + aside % 2)
-                each.append(part[strong])
-        numbers, back = np.unique(np.concatenate(keys), return_inverse=True)
-        nodes = np.repeat(np.arange(len(keys)) // 4, [len(part) for part in each])
-        share = np.zeros((numbers.size, shares.shape[1]), np.float32)
-        np.add.at(share.reshape(-1), back * shares.shape[1] + nodes, np.concatenate(each).astype(np.float32))
-        to, source, *way = np.unravel_index(numbers, size)
-        source, steps = np.ascontiguousarray(source), np.ascontiguousarray(np.transpose(way)) - far
-        return cls(np.searchsorted(to, count), source, steps, share)
-
-    def noise(self, light: NDArray[np.float64], own: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Variance that the neighbours' samples leave in each, over that of its own light; all (sample, node)."""
-        sent = np.divide(1.0, light * own**2, out=np.zeros_like(light), where=own > SURE)
-        left = np.zeros_like(light)
-        np.add.at(left, np.repeat(np.arange(len(light)), np.diff(self.first)), self.share**2 * sent[self.source])
-        return left * light
-
-
-class NodeMap(NamedTuple):
-    """For each lens, shape (v, u), the node before it in rows and columns of nodes, and how far the next ones are."""
-
-    node: NDArray[np.int64]
-    down: NDArray[np.float32]
-    along: NDArray[np.float32]
-    across: int
-    """Nodes in a row of them."""
-
-    @classmethod
-    def of(cls, rows: NDArray[np.intp], columns: NDArray[np.intp], row: NDArray[Any], column: NDArray[Any]) -> NodeMap:
-        """For nodes at some `rows` and `columns` of views, over which lenses lie at a `row` and `column`, (v, u)."""
-        befores, parts = [], []
-        for places, lenses in ((rows, row), (columns, column)):
-            at = np.interp(lenses, places, np.arange(places.size))
-            befores.append(np.clip(np.floor(at), 0, max(places.size - 2, 0)).astype(np.int64))
-            parts.append((at - befores[-1]).astype(np.float32))
-        down, along = (np.ascontiguousarray(part) for part in np.broadcast_arrays(*parts))
-        return cls(befores[0] * columns.size + befores[1], down, along, columns.size)
-
-    @classmethod
-    def of_views(cls, rows: NDArray[np.intp], columns: NDArray[np.intp], size: tuple[int, int]) -> NodeMap:
-        """For views' own rows and columns, so many of them."""
-        return cls.of(rows, columns, *np.ogrid[: size[0], : size[1]])
-
-    @classmethod
-    def of_lenses(cls, rows: NDArray[np.intp], columns: NDArray[np.intp], field: LightField) -> NodeMap:
-        """For the lenses of a light field where they stand, in a hexagonal array between its views' columns."""
-        (row, _), column = _on_grid(field)
-        return cls.of(rows, columns, row, np.clip(column, 0, len(field.u) - 1))
-
-    def __call__(self, values: NDArray[np.float64]) -> NDArray[np.float32]:
-        """From the nodes, shape (..., nodes), to all lenses, shape (..., v, u); (..., 1, 1) of a single node."""
-        if values.shape[-1] == 1:
-            return values[..., None].astype(np.float32)
-        table = values.astype(np.float32)
-        left, right = (
-            low + self.down * (table[..., self.node + self.across + k] - low)
-            for k, low in ((k, table[..., self.node + k]) for k in (0, 1))
-        )
-        return np.asarray(left + self.along * (right - left))
-
-
-@kernel()
-def _fill(values: Any, known: Any, out: Any) -> None:
-    """Samples, and the mean of the microlens's others for those that are not known; 0 of none."""
-    count, rows, columns = values.shape
-    for v in range(rows):
-        for n in range(count):  # whole arrays at once would be compiled four times as long
-            for u in range(columns):
-                out[n, v, u] = values[n, v, u]
-        _fill_row(known[:, v], out[:, v])
-
-
-@kernel()
-def _fill_row(known: Any, values: Any) -> None:
-    count, columns = values.shape
-    sums, views = np.zeros(columns), np.zeros(columns)
-    for n in range(count):
-        for u in range(columns):
-            if known[n, u] > 0:
-                sums[u] += values[n, u]
-                views[u] += 1.0
-    for n in range(count):
-        for u in range(columns):
-            if known[n, u] <= 0:
-                values[n, u] = sums[u] / max(views[u], 1.0)
-
-
-@kernel()
-def _gather_row(
-    n: int, v: int, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, node: Any, down: Any,
-    along: Any, across: int, start: Any, out: Any, like: Any, share: Any,
-) -> None:  # fmt: skip
-    """Add neighbours' light in samples n of row v; one that nothing is known of is like the microlens itself."""
-    rows, columns = dark.shape
-    nodes = shares.shape[1]
-    least, most = node[v].min(), min(node[v].max() + across + 2, nodes)
-    for u in range(columns):  # here and below: whole arrays at once would be compiled twice as long
-        like[u] = 0.0
-    for m in range(first[n], first[n + 1]):
-        w, sends = v + steps[m, 1], False
-        for c in range(least, most):
-            if shares[m, c] != 0:
-                sends = True
-                break
-        if not sends:
-            continue
-        if nodes == 1:
-            for u in range(columns):
-                share[u] = shares[m, 0]
-        else:
-            for u in range(columns):
-                c, part = node[v, u], down[v, u]
-                left = shares[m, c] + part * (shares[m, c + across] - shares[m, c])
-                right = shares[m, c + 1] + part * (shares[m, c + across + 1] - shares[m, c + 1])
-                share[u] = left + along[v, u] * (right - left)
-        if w < 0 or w >= rows:
-            for u in range(columns):
-                like[u] += share[u]
-            continue
-        off = steps[m, 0] + start[v] - start[w]
-        low = min(max(-off, 0), columns)
-        high = max(min(columns - off, columns), low)
-        for u in range(low):
-            like[u] += share[u]
-        for u in range(high, columns):
-            like[u] += share[u]
-        part, sent, unlit = (
-            share[low:high],
-            values[source[m], w, low + off : high + off],
-            dark[w, low + off : high + off],
-        )
-        total, same = out[low:high], like[low:high]
-        for u in range(part.size):
-            total[u] += part[u] * sent[u]
-            same[u] += part[u] * unlit[u]
-    own = values[n, v]
-    for u in range(columns):
-        out[u] += like[u] * own[u]
-
-
-@kernel(parallel=True)
-def _gather(
-    values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, node: Any, down: Any, along: Any,
-    across: int, start: Any, out: Any, band: Band = WHOLE,
-) -> None:  # fmt: skip
-    """Add neighbours' light in all samples, shape (view, v, u); `dark` is 1 where nothing is known of a microlens."""
-    count, rows, columns = values.shape
-    for v in prange(rows, band):
-        like, share = np.empty(columns, np.float32), np.empty(columns, np.float32)
-        for n in range(count):
-            _gather_row(
-                n, v, values, dark, first, source, steps, shares, node, down, along, across, start, out[n, v], like,
-                share,
-            )  # fmt: skip
-
-
-@kernel(parallel=True)
-def _free(
-    raw: Any, gain: Any, sure: Any, rest: Any, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any,
-    node: Any, down: Any, along: Any, across: int, start: Any, out: Any, band: Band = WHOLE,
-) -> None:  # fmt: skip
-    """Samples without `rest` and what neighbours that show `values` put into them, times `gain`; filled by `sure`."""
-    count, rows, columns = values.shape
-    for v in prange(rows, band):
-        like, share = np.empty(columns, np.float32), np.empty(columns, np.float32)
-        for n in range(count):
-            foreign, before, much, freed = rest[n, v].copy(), raw[n, v], gain[n, v], out[n, v]
-            _gather_row(
-                n, v, values, dark, first, source, steps, shares, node, down, along, across, start, foreign, like,
-                share,
-            )  # fmt: skip
-            for u in range(columns):
-                freed[u] = (before[u] - foreign[u]) * much[u]
-        _fill_row(sure[:, v], out[:, v])

@@ -21,8 +21,8 @@ from scipy import fft, ndimage, sparse
 from scipy.spatial import cKDTree
 
 from roslf_design.camera import Camera
+from roslf_design.depth.mixing import LEAST
 from roslf_design.depth.pictures import DETAIL
-from roslf_design.depth.unmixing import LEAST
 from roslf_design.design import Design
 from roslf_design.shapes.lattice import PACKINGS
 from roslf_design.theory.colours import filters, panchromatic

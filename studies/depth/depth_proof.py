@@ -29,8 +29,8 @@ from scipy import ndimage
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import ArrayGeometry, depth_of, disparity_of
 from roslf_design.depth.measure import Prediction, Trial, simulate
+from roslf_design.depth.mixing import LEAST
 from roslf_design.depth.pictures import DETAIL, PictureOptions, chief_rays, default_scene, region_about
-from roslf_design.depth.unmixing import LEAST
 from roslf_design.design import Design, save
 from roslf_design.design.parts import MOST_CONTRAST
 from roslf_design.drawing.marks import Area, Dots, Line, Mark, box_key, dot_key

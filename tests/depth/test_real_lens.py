@@ -9,9 +9,10 @@ import roslf_design as roslf
 from roslf_design.calibration.decoding import LightField
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import depth_of, disparity_of
+from roslf_design.depth.nodes import NodeMap
 from roslf_design.depth.pictures import lattice_of
 from roslf_design.depth.traced_views import TracedViews
-from roslf_design.depth.unmixing import NodeMap, ViewLight
+from roslf_design.depth.unmixing import ViewLight
 from roslf_design.imaging.camera import Region
 from roslf_design.scenes import Noise, Plane, Scene
 from roslf_design.theory.exit_pupil import microlens_image_pitch

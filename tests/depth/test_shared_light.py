@@ -11,7 +11,8 @@ import roslf_design as roslf
 from roslf_design.calibration.decoding import LightField, _HexagonalRows, left_by_rows, squared
 from roslf_design.camera import Camera
 from roslf_design.depth.crosstalk import _shared_noise
-from roslf_design.depth.unmixing import FREQUENCIES, LEAST, TURNS, PreparedViews, ViewLight, _shown, returned
+from roslf_design.depth.mixing import LEAST
+from roslf_design.depth.unmixing import FREQUENCIES, TURNS, PreparedViews, ViewLight, _shown, returned
 from roslf_design.theory.exit_pupil import microlens_image_pitch
 from roslf_design.theory.image_parts import image_parts, waves_shown
 from roslf_design.theory.stop_images import MicrolensImages
