@@ -26,13 +26,14 @@ from roslf_design.depth.pictures import DETAIL
 from roslf_design.design import Design
 from roslf_design.shapes.lattice import PACKINGS
 from roslf_design.theory.colours import filters, panchromatic
-from roslf_design.theory.disparity_error import disparity_sigma
+from roslf_design.theory.disparity_error import disparity_sigma, share_saturated
 from roslf_design.theory.disparity_information import Seen
 from roslf_design.theory.exit_pupil import microlens_image_pitch
 from roslf_design.theory.lens_shapes import LENS_SHAPES
 from roslf_design.theory.light import microlens_defocus
 from roslf_design.theory.photometry import dark_variance, electrons, through_filter
 from roslf_design.theory.stop_images import MicrolensImages
+from studies.depth.depth_proof import LIGHTS, lit
 from studies.depth.proof_cameras import SEED, cameras, place
 
 OUT = Path("reports/depth-proof")
@@ -42,6 +43,10 @@ FINE, REACH, FAINT = 6, 1.45, 2e-4
 """Steps of the fine grid in a pixel; pitches from its middle to which a microlens lights; light that is let be."""
 DRAWS = 12
 """Textures."""
+FULL = 0.5
+"""Share of the pixels that are full from which on less light is taken."""
+PIXELS = 16
+"""Pixels a pitch from which on some are taken together: their number takes memory, and tells nothing more."""
 TINY = 1e-9
 """Share of a matrix's mean diagonal that keeps it from being singular."""
 
@@ -54,7 +59,7 @@ class Attainable(NamedTuple):
     all_pixels: float
     """Of every pixel."""
     own_pixels: float
-    """Of pixels that have `LEAST` of their light from the nearest microlens."""
+    """Of pixels that have `LEAST` of their light from the nearest microlens; inf where there are none."""
 
 
 def _image(camera: Camera, at: tuple[float, float]) -> tuple[list[Array], float, int]:
@@ -86,6 +91,10 @@ def attainable(
     Openings must be discs.
     """
     camera, rng = Camera.of(design.thin_twin), np.random.default_rng(seed)
+    many = int(abs(float(microlens_image_pitch(camera) / camera.q)) / PIXELS)
+    powers = {"sensor.pixel": 1, "sensor.read_noise": 1, "sensor.full_well": 2}
+    coarse = {key: many**power * float(camera[key]) for key, power in powers.items()} if many > 1 else {}
+    camera = camera.replace(coarse)
     packing, half = PACKINGS[camera.layout], WINDOW / 2 + AROUND
     splines, step, middle = _image(panchromatic(camera), at)
     q = step * FINE
@@ -131,23 +140,24 @@ def attainable(
     variance = full * total + float(dark_variance(camera))
     weights = [np.where(one, 1 / np.maximum(variance, TINY), 0.0)[:, None] for one in kept]
     inverses = []
-    for weight in weights:
+    for weight in (one for one in weights if one.any()):
         normal = texture.T @ (weight * texture)
         inverses.append(np.linalg.inv(normal + TINY * np.trace(normal) / len(normal) * np.eye(len(normal))))
     for _ in range(draws):
         a, b = rng.standard_normal((2, len(k))) * each
         slope = 2 * math.pi * (cosine @ (b[:, None] * k) - sine @ (a[:, None] * k))
         moved = into_pixels(-(pupil * slope).sum(1) * light * full[pixel], int((~window).sum()) + 1, number)
-        for one, weight, inverse in zip(found, weights, inverses, strict=True):
+        for one, weight, inverse in zip(found, weights, inverses, strict=False):
             mixed = texture.T @ (weight * moved)
             told = moved.T @ (weight * moved) - mixed.T @ inverse @ mixed
             rest = told[1:, 1:] + TINY * np.trace(told) * np.eye(len(told) - 1)
             one.append(float(told[0, 0] - told[0, 1:] @ np.linalg.solve(rest, told[1:, 0])))
     settings = {"depth.finest": DETAIL * float(camera.d), "depth.period": None, "depth.window": WINDOW}
-    assumed = Camera.of(design.replace(settings).thin_twin)
+    assumed = Camera.of(design.replace(settings).thin_twin).replace(coarse)
     predicted = float(disparity_sigma(MicrolensImages(assumed, [at]), Seen(np.asarray(disparity), np.ones(())))[0, 0])
     lacking = WINDOW**2 * packing.rise / window.sum()
-    return Attainable(*(math.sqrt(np.mean(1 / (lacking * np.array(one)))) / predicted for one in found))
+    told = (math.sqrt(np.mean(1 / (lacking * np.array(one)))) / predicted if one else math.inf for one in found)
+    return Attainable(*told)
 
 
 def main() -> None:
@@ -161,7 +171,11 @@ def main() -> None:
     for name in given.names:
         camera = cameras()[name]
         at = place(camera, np.random.default_rng([SEED, zlib.crc32(f"{name}, slanted wall".encode())]))
-        results[name] = attainable(camera.design, at)._asdict()
+        every = ((light, lit(camera.design, share)) for light, share in LIGHTS.items())
+        light, design = next(one for one in every if share_saturated(Camera.of(one[1].thin_twin)) < FULL)
+        bound = attainable(design, at)._asdict()
+        name = name if light == "bright" else f"{name}, {light}"
+        results[name] = {key: one if math.isfinite(one) else None for key, one in bound.items()}
         store.write_text(json.dumps(results, allow_nan=False, indent=1) + "\n")
         print(name, results[name], flush=True)
 

@@ -2,7 +2,7 @@
 
 Run from the project's root: python studies/depth/depth_proof.py [-o FOLDER]. Interrupted, it goes on where it was.
 --only NAME ... measures some cameras, --again NAME ... some anew, --quick three cameras by few microlenses,
---parts N looks at each scene in so many parts of the field, the first as without it;
+--parts N looks at each scene in so many parts of the field, the first as without it; --scenes NAME ... at some scenes;
 --write NAME -o FILE.toml writes the design of one, to be tried by itself.
 """
 
@@ -55,7 +55,7 @@ from roslf_design.theory.light import object_scale
 from roslf_design.theory.photometry import exposure
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
-from studies.depth.own_texture import own_texture
+from studies.depth.own_texture import EDGE, on_one_surface, own_texture
 from studies.depth.proof_cameras import DRAWN, LARGEST, SEED, ProofCamera, cameras, place
 
 OUT = Path("reports/depth-proof")
@@ -71,8 +71,6 @@ CURVED = 0.6
 """Sine of the steepest place of the sphere in view, where its texture is seen as short as a microlens allows."""
 NEAREST, FARTHEST = 0.2, 4.0
 """Distances from the bore's mouth between which scenes stand, over that of the focal plane."""
-EDGE = 0.25
-"""Disparity between neighbouring microlenses from which an edge lies between them [pitches]."""
 REACH = 1
 """Microlenses beyond its own window in which views past an edge show its other side: half a pitch each way."""
 WHOLE = 0.98
@@ -244,7 +242,8 @@ def judged(trial: Trial) -> dict[str, Any]:
     off = np.stack([run.disparities.disparity[some] for run in trial.runs]) - true
     sigma = np.stack([run.disparities.sigma[some] for run in trial.runs])
     spread, mean = float(np.sqrt(off.var(0, ddof=1).mean())), off.mean(0)
-    texture = own_texture(trial.raw.design, trial.scene, trial.first.x_ml, trial.true)
+    seen = trial.raw.design, trial.scene, trial.first.x_ml, trial.true
+    texture = own_texture(*seen) * on_one_surface(*seen)
     own = ndimage.uniform_filter(texture / predicted**2, around, mode="nearest")[some] ** -0.5
     told = (sigma**2).mean(0) / own**2
     return one | {
@@ -455,13 +454,17 @@ def differences(predicted: Mapping[str, Mapping[str, float]]) -> Table:
 
 def bounds(attained: Mapping[str, Mapping[str, float]]) -> Table:
     """What spread any estimator can attain, over the prediction."""
-    lines = [(name, *(f"{one[key]:.2f}" for key in ("all_pixels", "own_pixels"))) for name, one in attained.items()]
+    kinds = "all_pixels", "own_pixels"
+    lines = [
+        (name, *("none" if one[key] is None else f"{one[key]:.2f}" for key in kinds)) for name, one in attained.items()
+    ]
     heads = ("camera", "every pixel", f"pixels with {LEAST:.0%} own light")
     note = (
         "Bound of Cramér and Rao by the pixels about a window, texture and the disparities beside it unknown, rms over "
         "textures of a wall in focus, over the prediction (`attainable.py`): windows with less texture make it some "
         "per cent more than 1. No pixel is saturated in it: where images overlap, at the design's own exposure pixels "
-        "that two or three share are."
+        "that two or three share are; dim: with a quarter of its light, as else most would be. None: no pixel has so "
+        "much, and the estimator, which begins with such pixels, knows nothing of what all of them hold."
     )
     return Table(tuple(lines), "lrr", heads, "What any estimator can attain", note)
 
@@ -528,6 +531,10 @@ def _notes(results: Mapping[str, Any]) -> Iterator[str]:
         "each camera, scene and light by itself."
     )
     yield (
+        "Of each window the prediction counts microlenses that see one surface alone, with their neighbours and from "
+        "all over the FAP: beside an edge these are fewer, by the scene's geometry."
+    )
+    yield (
         f"Pooled: over a camera's {len(SCENES)} scenes and {len(LIGHTS)} lights, each by its windows without common "
         "microlenses. Spread is the rms about each microlens's mean over exposures. Bias is squared before it is "
         "averaged, so that what differs in sign does not cancel, and freed of what chance adds to a square."
@@ -583,6 +590,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help=f"{', '.join(QUICK)} by few microlenses")
     parser.add_argument("--exposures", type=int, default=EXPOSURES, help="of each scene and light")
     parser.add_argument("--parts", type=int, default=1, help="of the field that each scene is looked at in")
+    parser.add_argument("--scenes", nargs="+", default=SCENES, choices=SCENES, help="to measure, else all")
     parser.add_argument("--rays", type=int, default=None, help="a pixel; else as roslf depth takes them")
     parser.add_argument("--write", metavar="NAME", help="write this camera's design to the file named with -o")
     given = parser.parse_args()
@@ -600,7 +608,7 @@ def main() -> None:
     out.mkdir(parents=True, exist_ok=True)
     store, beside = out / "proof.json", (out / "prediction.json", out / "attainable.json")
     results: dict[str, Any] = json.loads(store.read_text()) if store.exists() else {}
-    looks = [(scene, part) for part in range(1, given.parts + 1) for scene in SCENES]
+    looks = [(scene, part) for part in range(1, given.parts + 1) for scene in given.scenes]
     for name in QUICK if given.quick else given.only or given.again or cameras():
         for scene, part in looks:
             key = key_of(name, scene, part)

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import ArrayGeometry, disparity_of
@@ -23,6 +24,12 @@ ACROSS, WEIGHTS = np.polynomial.legendre.leggauss(3)
 """Places across a microlens over which it averages."""
 TINY = 1e-18
 """Square of steps [mm] that keeps those of what is not seen from being singular."""
+CORNERS = np.array([(x, y) for x in (-0.5, 0.0, 0.5) for y in (-0.5, 0.0, 0.5)])
+"""Places of a microlens: middle, sides and corners [pitches]."""
+RIM = np.array([(0.0, 0.0), *((math.cos(turn) / 2, math.sin(turn) / 2) for turn in np.arange(8) * math.pi / 4)])
+"""Places on the FAP that it is seen from: middle and rim [diameters]."""
+EDGE = 0.25
+"""Disparity between neighbouring microlenses, or what one sees, from which an edge lies between [pitches]."""
 ASIDE = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]) / 4
 """Where views look beside the chief ray, of the disparity: with the mean square of a disc of half its width."""
 
@@ -51,7 +58,7 @@ def own_texture(design: Design, scene: Scene, places: Array, z: Array) -> Array:
     """
     camera, traced = Camera.of(design.thin_twin), ArrayGeometry(design).traced
     d = float(design.microlens_array.pitch)
-    b = disparity_of(camera, np.where(np.isfinite(z), z, math.inf))
+    b = _disparity(camera, z)
     middle = places[..., None, :] + d * b[..., None, None] * ASIDE
     # From edge to edge of a microlens, along x and along y, places along both edges: (axis, edge, place, 2).
     along_x = np.array([[(side, at) for at in ACROSS] for side in (-1, 1)])
@@ -73,6 +80,33 @@ def own_texture(design: Design, scene: Scene, places: Array, z: Array) -> Array:
     own = (light[..., 1] - light[..., 0]) ** 2 / light.mean(-1)
     waves, told = (one.sum(-1).mean(-1) for one in (expected, np.where(seen[..., None], own, 0.0)))
     return np.asarray(np.divide(told, waves, out=np.zeros_like(told), where=seen.all(-1) & (waves > 0)))
+
+
+def on_one_surface(design: Design, scene: Scene, places: Array, z: Array) -> NDArray[np.bool_]:
+    """True of microlenses that tell the disparity of one surface: they and those about them see no other.
+
+    What a microlens shows changes from view to view by what its neighbours see: it tells nothing beside one that an
+    edge goes through. Arguments as of `own_texture`.
+    """
+    camera, traced = Camera.of(design.thin_twin), ArrayGeometry(design).traced
+    surfaces = encode(scene, float(camera["main_lens.focal_plane"]), camera.chain.mirrored)
+    b = _disparity(camera, z)
+    least, most = ndimage.minimum_filter(b, 3), ndimage.maximum_filter(b, 3)
+    near = most - least > EDGE
+    one = np.ones(b.shape, bool)
+    # A view looks past an edge beside the chief ray by the disparity of that edge's surface, whichever it is.
+    for of_edge in (least[near], most[near]) if near.any() else ():
+        beside = CORNERS[:, None] + of_edge[:, None, None, None] * RIM
+        points = places[near][:, None, None] + float(camera.d) * beside
+        rays = chief_rays(camera, traced, points.reshape(-1, 2))
+        seen = _disparity(camera, met(surfaces, float(camera.tip), rays)[0]).reshape(len(points), -1)
+        one[near] &= np.ptp(seen, axis=-1) <= EDGE
+    return np.asarray(ndimage.minimum_filter(one, 3))
+
+
+def _disparity(camera: Camera, z: Array) -> Array:
+    """Disparities at distances; of what is met nowhere, of the infinitely far [pitches]."""
+    return disparity_of(camera, np.where(np.isfinite(z), z, math.inf))
 
 
 def _of_spectrum(steps: Array, finest: float) -> Array:

@@ -7,13 +7,13 @@ import pytest
 from scipy import ndimage
 
 from roslf_design.camera import Camera
-from roslf_design.depth.geometry import disparity_of
+from roslf_design.depth.geometry import depth_of, disparity_of
 from roslf_design.depth.measure import assumed
 from roslf_design.design import load
 from roslf_design.scenes import make_scene
 from roslf_design.theory.stop_images import MicrolensImages
 from studies.depth.depth_proof import BARS, LIGHTS, SCENES, WINDOW, aside_of_edges, judged, pooled, trials, view_of
-from studies.depth.own_texture import own_texture
+from studies.depth.own_texture import on_one_surface, own_texture
 from studies.depth.proof_cameras import FIELD, KEPT, cameras, place
 
 SIDE = 14
@@ -166,3 +166,35 @@ def test_detail_is_as_strong_in_the_dark_parts_of_a_texture_and_so_predicted_wit
         (detail[dark] / mean[dark]).mean() / (detail[bright] / mean[bright]).mean(), rel=0.06
     )
     assert assumed(load("paper"), scene, 5).depth.contrast == texture.contrast
+
+
+@pytest.mark.parametrize("edge", np.linspace(-0.45, 0.5, 6))
+def test_windows_beside_an_edge_have_the_microlenses_that_rays_from_all_over_the_fap_tell_of_one_surface(edge):
+    """Against rays of thin lenses by hand, many of each microlens, counted one by one."""
+    design, size, half = load("paper"), 15, 2
+    axis = np.arange(-7, 8) * design.d
+    places = np.stack(np.meshgrid(axis, axis), -1)
+    near, far = (float(depth_of(Camera.of(design), np.asarray(b))) for b in (0.25, -0.25))
+
+    def met(x, rim, z):
+        """Where light of a place on the array meets a plane, from places on the FAP along x [mm]."""
+        focal = -x * design.d_f / design.d_1
+        return rim + (focal - rim) * (z - design.d_3) / (design.d_f - design.d_3)
+
+    start = met(edge * design.d, 0.0, near)
+    noise = {"kind": "noise", "finest": 0.5}
+    scene = make_scene({"name": "step", "objects": [
+        {"kind": "plane", "distance": far, "texture": noise},
+        {"kind": "plane", "distance": near, "size": [80, 80], "centre": [start + 40, 0], "texture": noise},
+    ]})  # fmt: skip
+    z = np.where(met(places[..., 0], 0.0, near) > start, near, far)
+    told = on_one_surface(design, scene, places, z)
+    across, rim = np.linspace(-0.5, 0.5, 17) * design.d, np.linspace(-0.5, 0.5, 17) * design.D_F
+    shows = met(axis[:, None, None] + across[:, None], rim, near) > start
+    whole = [{*one.ravel().tolist()} for one in shows]  # of each column: of the nearer, of the farther, or both
+    alone = [len(set.union(*whole[max(at - 1, 0) : at + 2])) == 1 for at in range(size)]
+    for column in range(half, size - half):
+        count = told[half - 2 : half + 3, column - half : column + half + 1].sum()
+        assert count == 5 * sum(alone[column - half : column + half + 1])
+    assert 2 <= size - sum(alone) <= 4
+    assert on_one_surface(design, scene, places, np.full_like(z, far)).all()
