@@ -11,7 +11,7 @@ from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.depth.estimate import DisparityStatus
 from roslf_design.depth.pictures import region_about
-from roslf_design.reporting.depth.pages import known
+from roslf_design.reporting.depth.pages import _as_predicted, known
 from roslf_design.theory.stop_images import MicrolensImages
 from tests.depth.made import fewer_rays
 
@@ -114,6 +114,14 @@ def test_images_that_overlap_twice_are_called_so(tmp_path, few_rays):
     assert answer.tone == "bad"
     assert "2.2 times as wide as they lie apart, and a pixel has light of 3.8 microlenses" in answer.remedy
     assert "Match the f-number" in answer.remedy
+
+
+def test_scatter_beyond_the_prediction_that_reported_errors_count_is_said_to_be_theirs():
+    part = "errors reported, each by what its own window shows, are 1.31 times that as well"
+    assert part in _as_predicted(0.256, 0.191, 0.25)  # paper-singlet's wall
+    assert "1.34 times that." in _as_predicted(0.256, 0.191, 0.25)
+    for spread, told in ((0.24, 0.25), (0.256, 0.191), (0.4, 0.25)):  # as predicted; reported as predicted; neither
+        assert "errors reported" not in _as_predicted(spread, 0.191, told)
 
 
 def test_a_wrong_belief_shows_as_bias(few_rays):

@@ -168,7 +168,7 @@ def statements(trial: Trial) -> Iterator[Statement]:
     else:
         ratio, room = spread / summary.predicted_mm, math.sqrt(2 / windows)
         off = not NEAR[0] * (1 - room) <= ratio <= NEAR[1] * (1 + room)
-        text = f"Is it as predicted? Predicted were {_mm(summary.predicted_mm)}; it scatters by {ratio:.2f} times that."
+        text = _as_predicted(spread, summary.predicted_mm, summary.told_mm)
         yield _judged(text, windows, NEAR[0] <= ratio <= NEAR[1], ("caution", _believe(trial, ratio)) if off else None)
     inside, room = summary.inside_68, 2 * math.sqrt(0.68 * 0.32 / windows)
     text = (
@@ -185,6 +185,15 @@ def statements(trial: Trial) -> Iterator[Statement]:
         tail = 100 * (summary.beyond_5 or 0.0)
         wrong = "caution", f"Some are far off: {tail:.2g} % by more than five times the errors reported."
     yield _judged(text, windows, errors_right(summary), wrong)
+
+
+def _as_predicted(spread: float, predicted: float, told: float) -> str:
+    """Spread against the prediction [mm], and whether the errors reported count what is beyond it."""
+    text = f"Is it as predicted? Predicted were {_mm(predicted)}; it scatters by {spread / predicted:.2f} times that."
+    if spread > NEAR[1] * predicted and spread <= NEAR[1] * told and told * NEAR[0] > predicted:
+        times = f"{told / predicted:.2f} times that"
+        text += f" The errors reported, each by what its own window shows, are {times} as well: believe these."
+    return text
 
 
 def _too_few_inside(trial: Trial, summary: Summary, rms: float, windows: float) -> str:
