@@ -154,11 +154,12 @@ def _half_field(way: Literal["width", "height", "diagonal"]) -> Callable[[Camera
 def _half_fields() -> Iterator[Quantity]:
     """Half of what the sensor sees of a plane, over its width, height and diagonal."""
     plane = "that the sensor sees, at a distance ahead of the tip or at the focal plane"
-    for way, words, line in (
+    ways: tuple[tuple[Literal["width", "height", "diagonal"], str, str | None], ...] = (
         ("width", f"half the width {plane}, of traced chief rays", "on the focal plane"),
         ("height", f"half the height {plane}", None),
         ("diagonal", "the same to the corner", ""),
-    ):
+    )
+    for way, words, line in ways:
         yield Quantity(
             f"field_half_{way}_mm",
             "mm",
