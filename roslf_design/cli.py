@@ -43,13 +43,6 @@ SELDOM_USED = frozenset(
     }
 )
 """Modules that numpy, scipy, numba and pydantic import, slow ones, and commands use seldom or never."""
-NEVER_ASKED = frozenset(
-    {
-        *("numpy._typing._array_like", "numpy._typing._char_codes", "numpy._typing._dtype_like"),
-        "pydantic.plugin._loader",  # plugins are off: see `run`
-    }
-)
-"""Slow modules whose names stand in annotations alone, or give nothing when called."""
 YOUNG = 20_000
 """Objects made before Python looks for cycles that nothing holds any more."""
 
@@ -272,42 +265,12 @@ class _Later(Loader):
         names["__getattr__"] = asked
 
 
-class _Nothing:
-    """Any type of annotations, also of something; nothing when it is called."""
-
-    def __new__(cls) -> tuple[()]:  # type: ignore[misc]
-        return ()
-
-    def __class_getitem__(cls, _: Any) -> type[_Nothing]:
-        return cls
-
-
-class _Never(Loader):
-    """Loader of a module that has every name, and each is `_Nothing`."""
-
-    def create_module(self, spec: ModuleSpec) -> ModuleType:
-        """Make it."""
-        return ModuleType(spec.name)
-
-    def exec_module(self, module: ModuleType) -> None:
-        """Give it its names."""
-
-        def asked(name: str) -> type[_Nothing]:
-            if name.startswith("__"):
-                raise AttributeError(f"module {module.__name__!r} has no attribute {name!r}")
-            return _Nothing
-
-        vars(module)["__getattr__"] = asked
-
-
 class _Lazily:
-    """Finder of modules that are executed when somebody asks for what is in them, or never."""
+    """Finder of modules that are executed when somebody asks for what is in them."""
 
     @staticmethod
     def find_spec(name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
-        """Find one that is seldom used, or never, and none else."""
-        if name in NEVER_ASKED:
-            return ModuleSpec(name, _Never())
+        """Find one that is seldom used, and none else."""
         spec = PathFinder.find_spec(name, path, target) if name in SELDOM_USED else None
         if spec is not None and spec.loader is not None:
             spec.loader = _Later(spec.loader)

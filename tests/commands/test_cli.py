@@ -5,8 +5,6 @@ import json
 import os
 import subprocess
 import sys
-import types
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -287,22 +285,6 @@ def test_a_module_that_waits_is_whole_for_every_thread(tmp_path, monkeypatch):
         assert list(pool.map(lambda _: module.LATE + module.EARLY, range(8))) == [3] * 8
     with pytest.raises(AttributeError, match="'waiting_module' has no attribute 'NEVER'"):
         _ = module.NEVER
-
-
-def test_a_module_that_nobody_asks_has_every_name_for_annotations_and_nothing_when_called(monkeypatch):
-    monkeypatch.setattr(cli, "NEVER_ASKED", frozenset({"never_asked_module"}))
-    monkeypatch.setattr(sys, "meta_path", [cli._Lazily, *sys.meta_path])
-    module = importlib.import_module("never_asked_module")
-    monkeypatch.delitem(sys.modules, "never_asked_module")
-    kind = module.Kind[int]
-    assert isinstance(kind | None, types.UnionType)
-    assert Callable[[kind], list[kind]]
-    assert not module.get_all()
-    assert not hasattr(module, "__path__")
-
-
-def test_modules_that_nobody_asks_are_there():
-    assert all(map(importlib.util.find_spec, cli.NEVER_ASKED))
 
 
 FOREIGN = {

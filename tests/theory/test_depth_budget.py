@@ -428,7 +428,8 @@ def test_temperature_of_a_camera_of_no_material_is_unknown_not_none():
         assert (
             "temperature: nothing says how the housing, the main lens and the microlenses would grow" in budget.left_out
         )
-        assert float(QUANTITIES["u_z_mm"](Camera.of(plain), at)) == float(budget.u_z_mm)
+        # One rounding apart on some processors: a number is a scalar here, an array of one there.
+        assert float(QUANTITIES["u_z_mm"](Camera.of(plain), at)) == pytest.approx(float(budget.u_z_mm), rel=4e-16)
     named = plain.replace({"environment.housing": "316L"})
     assert float(terms(depth_budget(Camera.of(named)))["temperature"].u_mm) > 0
     still = PAPER.replace({"environment": {"calibrated_at": "20 degC"}})
