@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -117,9 +118,9 @@ def evaluate(
     from rich.console import Console
 
     if told.everything:
-        print_evaluation(result, Console())
+        print_evaluation(result, Console(), shlex.quote(str(design)))
     else:
-        print_short(result, Console(), [] if fields is None else [field_table(result)])
+        print_short(result, Console(), [] if fields is None else [field_table(result)], design=shlex.quote(str(design)))
     if accuracy is not None:
         print(f"\n{statement.sentence()}")
     return ending

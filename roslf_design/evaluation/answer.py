@@ -80,6 +80,23 @@ MEANT = (
     "finest that the refocused image shows as what it is, with half its contrast or more."
 )
 """Caption of it."""
+
+
+def lengths_not_counted(design: str = "", calibrated: float | None = None, bare: float | None = None) -> str:
+    """What stands below U of lengths as drawn: U in the focal plane with what they add; else the command that tells it.
+
+    `design` is as it was typed; `calibrated` is U as planned, `bare` without a calibration [mm], None where not known.
+    """
+    command = f"`{f'roslf calibrate --plan {design}'.strip()}`"
+    told = clauses(
+        "" if calibrated is None else f"calibrated as {command} plans {uncertainty(calibrated, 3, '± ')}",
+        "" if bare is None else f"uncalibrated {uncertainty(bare, 3, '± ')}",
+        by=", ",
+    )
+    known = f"{told} (U in the focal plane)" if told else f"{command} tells U with them"
+    return f"lengths not counted: {known}"
+
+
 STOP = 0.5
 """Share of the middle's light in the corner, one stop less, below which it is said what brings it up to that."""
 SHARES = np.linspace(0.0, 1.0, 101)
@@ -218,10 +235,16 @@ class FirstAnswer:
     @property
     def headings(self) -> tuple[str, ...]:
         """Headings of the table over distances."""
-        warm = "" if self.depth_degc is None else f" at {self.depth_degc:g} °C"
+        lengths = self.working_range_lengths and f"lengths {self.working_range_lengths}"
+        warm = "" if self.depth_degc is None else f"at {self.depth_degc:g} °C"
         if self.depth_between_degc is not None:
-            warm = " over {:g} to {:g} °C".format(*self.depth_between_degc)
-        return "ahead of the tip", "field", f"depth, U{warm}", "mostly of", "detail"
+            warm = "over {:g} to {:g} °C".format(*self.depth_between_degc)
+        depth = clauses("depth, U", lengths or "", warm, by=", ")
+        return "ahead of the tip", "field", depth, "mostly of", "detail"
+
+    def uncounted(self, design: str = "", calibrated: float | None = None, bare: float | None = None) -> str:
+        """Line below the table over distances, as `lengths_not_counted`; empty where its depths count lengths."""
+        return lengths_not_counted(design, calibrated, bare) if self.working_range_lengths == "as drawn" else ""
 
     @property
     def rows(self) -> tuple[Row, ...]:

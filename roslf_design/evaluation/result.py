@@ -245,10 +245,18 @@ def _whose(result: Evaluation) -> str:
     return "" if result.real_lens is None else ", of the thin-lens model"
 
 
-def answer_tables(result: Evaluation) -> list[Table]:
-    """Field of view, distances and light, then field, depth and detail by distance: what a buyer asks."""
+def answer_tables(result: Evaluation, calibrated: float | None = None, bare: float | None = None) -> list[Table]:
+    """Field of view, distances and light, then field, depth and detail by distance: what a buyer asks.
+
+    U with what lengths add stands below, where it is known, as `lengths_not_counted`.
+    """
     rows, headings = tuple(plane.cells for plane in result.answer.at), result.answer.headings
-    counts = " ".join(f"{line}." for line in (f"U is {result.depth_budget.counted}", *result.answer.cautions))
+    lines = (
+        result.answer.uncounted("", calibrated, bare),
+        f"U is {result.depth_budget.counted}",
+        *result.answer.cautions,
+    )
+    counts = " ".join(f"{line[:1].upper()}{line[1:]}." for line in lines if line)
     if result.real_lens is not None:
         counts += (
             " Field, light and detail are of rays through the real lens, distances and depth of its thin-lens model."
@@ -445,9 +453,16 @@ def _tables(result: Evaluation) -> list[Table]:
 
 
 def print_short(
-    result: Evaluation, console: Console, tables: Sequence[Table] = (), more: str = "roslf evaluate --all"
+    result: Evaluation,
+    console: Console,
+    tables: Sequence[Table] = (),
+    more: str = "roslf evaluate --all",
+    design: str = "DESIGN",
 ) -> None:
-    """Print the first answer and, briefly, the verdicts: faults, limits, what is good; `tables`; what tells `more`."""
+    """Print the first answer and, briefly, the verdicts: faults, limits, what is good; `tables`; what tells `more`.
+
+    `design` is as it was typed.
+    """
     by_level = {level: [one for one in result.verdicts if one.level == level] for level in MARKS}
     brief = [replace(one, text=_brief(one.text), remedy=_brief(one.remedy)) for one in by_level["fault"]]
     brief += [replace(one, text=_brief(one.text), remedy="") for one in by_level["limit"]]
@@ -457,7 +472,7 @@ def print_short(
         brief += [
             Verdict.of("good", line) for line in (f"as required: {'; '.join(asked)}" * bool(asked), named) if line
         ]
-    _print_answer(result, brief, console)
+    _print_answer(result, brief, console, design)
     for table in tables:
         print_table(table, console)
     console.print(plain_text(f"\nAll of it, remedies and tables: {more}", "dim"))
@@ -470,13 +485,15 @@ def _brief(text: str) -> str:
     return text.partition("; ")[0]
 
 
-def _print_answer(result: Evaluation, verdicts: Sequence[Verdict], console: Console) -> None:
+def _print_answer(result: Evaluation, verdicts: Sequence[Verdict], console: Console, design: str) -> None:
     """Print the first answer and verdicts; that pixels are no views, the first one then, before all."""
     console.print(plain_text(result.design, "bold"))
     leading = 0 if result.has_views or result.focused is not None else 1
     _print_verdicts(verdicts[:leading], console)
     for table in answer_tables(result):
         print_table(table, console, least=() if table.headings else LEAST)
+    if line := result.answer.uncounted(design):
+        console.print(plain_text(line))
     for line in result.answer.cautions:
         console.print(plain_text(line, "yellow"))
     console.print()
@@ -485,9 +502,9 @@ def _print_answer(result: Evaluation, verdicts: Sequence[Verdict], console: Cons
         console.print(plain_text(f"! {warning}", "yellow"))
 
 
-def print_evaluation(result: Evaluation, console: Console) -> None:
-    """Print the first answer, the verdicts, then the tables."""
-    _print_answer(result, result.verdicts, console)
+def print_evaluation(result: Evaluation, console: Console, design: str = "DESIGN") -> None:
+    """Print the first answer, the verdicts, then the tables; `design` is as it was typed."""
+    _print_answer(result, result.verdicts, console, design)
     for table in _tables(result):
         print_table(table, console, least=() if table.headings else LEAST)
     console.print(plain_text(absent_effects(result), "dim"))

@@ -38,7 +38,7 @@ from ..reporting.optimise.pictures import change_bars, ends_differ, goal_front, 
 from ..reporting.tolerance.pictures import offender_bars, spread_bars, yield_bars, yield_curve
 from ..theory.depth_budget import NOISE, WARMTH
 from ..theory.quantities import QUANTITIES
-from ..words import clauses, decimals, listed, percent, the, to_html
+from ..words import clauses, decimals, listed, percent, sentence, the, to_html
 from .optimise_run import OptimiseResult
 from .state import (
     BY_SYMBOL,
@@ -517,7 +517,10 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
     budget = source.evaluation.depth_budget
     ahead = source.evaluation.answer.working_distance_mm
     share = f"{100 * float(budget.u_z_mm) / ahead:.2g} % of the {short(ahead, 4)} mm from the tip"
-    text = f"Depth, expected, in the plane in focus: {budget.words}, {share}. Noise (bound): {short(sigma, 3)} mm."
+    text = (
+        f"Depth, expected, lengths {budget.lengths}, in the plane in focus: {budget.words}, {share}. "
+        f"{to_html(sentence(source.evaluation.answer.uncounted()))} Noise (bound): {short(sigma, 3)} mm."
+    )
     tone, remedy = "good", ""
     if not alike.all():
         ends = curve.place[~alike][0]
@@ -572,7 +575,8 @@ def glance(evaluation: Evaluation) -> list[dict[str, str]]:
     views = evaluation.has_views
     first = [QUANTITIES[name] for name in GLANCE if views or not QUANTITIES[name].of_views]
     rows = {name: value for name, value, _ in evaluation.answer.rows}
-    rows |= {"depth, expected": evaluation.depth_budget.words} if views else {}
+    budget = evaluation.depth_budget
+    rows |= {f"depth, expected, lengths {budget.lengths}": budget.words} if views else {}
     rows |= {quantity.label: quantity.text(evaluation.value(quantity)) for quantity in first}
     if (lens := evaluation.real_lens) is not None:
         rows[QUANTITIES["undistorted_field_mm"].label] = f"{short(lens.x0_max_mm, 5)} mm"

@@ -236,8 +236,8 @@ def test_asked_at_a_temperature_a_range_counts_no_more():
     assert len({f"{u:.3g}" for u in expected}) == 4
     results = [roslf.evaluate(WARM, temperature=t, at=30.0) for t in degrees]
     assert [one.answer.at[1].u_z_mm for one in results] == pytest.approx(expected, rel=1e-9)
-    assert "depth, U at 22 °C" in str(results[1])
-    assert "depth, U at" not in str(roslf.evaluate(WARM))
+    assert "depth, U, lengths as drawn, at 22 °C" in str(results[1])
+    assert "depth, U, lengths as drawn, at" not in str(roslf.evaluate(WARM))
     assert WARM.at_room.environment.range == WARM.environment.range
 
 

@@ -30,7 +30,7 @@ from ...evaluation.required import required_of
 from ...input_files import read_bytes
 from ...theory.depth_budget import DepthBudget, depth_budget
 from ...tolerancing.places import short_name
-from ...words import length, listed, number, rounded, sentence
+from ...words import length, listed, number, rounded, sentence, uncertainty
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 from ..design.pages import TONES
 from . import pictures
@@ -486,14 +486,15 @@ def plan_blocks(
 ) -> tuple[Block, ...]:
     """A plan with its promise and its changes; with the `build`'s tolerances, where these are known."""
     c, before = plan.captures, plan.expected
-    supposed, other = "by captures alone", ""
+    supposed, others = "by captures alone", list[str]()
     promises, changed, whence = "What these captures promise", "Expected sigma after one change", VARIANCE
     if build is not None:
-        u = planned_depth(design, plan, asked).expanded_mm
-        supposed, other = (
-            "with tolerances known before",
+        u, bare = planned_depth(design, plan, asked).expanded_mm, depth_budget(Camera.of(design), build=build)
+        supposed = "with tolerances known before"
+        others = [
+            f"Uncalibrated, by tolerances alone: {uncertainty(float(bare.expanded_mm), 3, '± ')} in the focal plane.",
             f"By captures alone, of a camera whose tolerances nobody knows: ± {_rounded(u)} in the focal plane.",
-        )
+        ]
         promises += ", without tolerances"
         whence += ", without tolerances"
         changed += ": of lengths without tolerances, of depth with them"
@@ -518,7 +519,7 @@ def plan_blocks(
     told = (one.verdict for one in required)
     answers += [Statement(TONES[one.level], sentence(one.text), sentence(one.remedy)) for one in told]
     answers.append(_promise(design, plan, asked, build))
-    answers += [Statement("plain", other)] * (build is not None)  # a report's summary has one U
+    answers += [Statement("plain", other) for other in others]  # a report's summary has one U
     sigmas = "".join(f' --sigma "{place}={sigma}"' for place, sigma in asked.sigma.items())
     command = f'roslf calibrate CAPTURES --design design.toml --board "{c.board.text}"{sigmas} -o calibration'
 

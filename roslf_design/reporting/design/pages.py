@@ -32,6 +32,7 @@ from ...evaluation.specification import FieldImages
 from ...evaluation.verdicts import near_cases
 from ...progress import CountedProgress, shares, silent
 from ...theory.colours import PIXEL_FILTERS
+from ...theory.depth_budget import depth_budget
 from ...units import format_quantity
 from ...words import TERMS, listed, sentence, spaced
 from ..blocks import (
@@ -151,7 +152,7 @@ def design_report(
     sections = (
         Section(
             "Summary",
-            (*opening, *first, *answer_tables(result)),
+            (*opening, *first, *answer_tables(result, *_with_lengths(grounds))),
         ),
         datasheet_section(grounds, shares(progress, "data sheet")),
         Section("The design", (parameters, figures["dimensions"], *_seen(result), *_stops(design))),
@@ -179,6 +180,15 @@ def design_report(
         making(command, tuple(one.seed for one in studied if one.seed), stamp, design),
     )
     return Report(design.name, design.source, sections)
+
+
+def _with_lengths(grounds: SpreadSources) -> tuple[float | None, float | None]:
+    """U in the focal plane as calibrated by the plan, and uncalibrated [mm]; None where it is not known."""
+    camera, build, planned = Camera.of(grounds.design), grounds.before, grounds.planned
+    after = None if planned is None else depth_budget(camera, build=build, calibration=planned)
+    before = None if build is None else depth_budget(camera, build=build)
+    u, bare = (None if budget is None else float(budget.expanded_mm) for budget in (after, before))
+    return u, bare
 
 
 def _design_figures(
