@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -33,6 +33,10 @@ MOST_CORNERS = 10_000
 LEAST_GAIN = 1.1
 """Standard deviation before over after from which a change is advised."""
 NO_GAIN = "No single change helps by more than 10 %."
+RESERVE = 0.1
+"""Standard deviation over a quantity's size from which it is quoted with reserve alone; from 1 on it is not quoted."""
+_NEAR = 0.1
+"""d_3 over d_1 below which d_3, which may be 0, is held against d_1 in its place."""
 _STEEPEST = math.radians(40.0)
 """Beyond this tilt corners are no longer found well."""
 USUAL = Board(4, 5, 6.0)
@@ -239,6 +243,24 @@ def synthetic_observations(
     return Observations(captures.board.points, views, uv)
 
 
+Trust = Literal["good", "caution", "bad"]
+"""Whether a signed calibration may quote a quantity: yes, with reserve, no."""
+
+
+def sizes_of(values: Mapping[str, float]) -> dict[str, float]:
+    """Sizes that standard deviations are held against [mm or 1]: the quantities' own, of a d_3 near 0 that of d_1."""
+    sizes = {name: abs(float(value)) for name, value in values.items()}
+    return sizes | ({"d_3": max(sizes["d_3"], d_1)} if sizes["d_3"] < _NEAR * (d_1 := sizes.get("d_1", 0.0)) else {})
+
+
+def trust_in(name: str, sigma: Mapping[str, float], sizes: Mapping[str, float]) -> Trust:
+    """Trust in a quantity: none where sigma is its size or more; of d_f = f (1 + m)/m, and H by it, where m's is."""
+    by = {name, "m"} & sigma.keys() if name in ("d_f", "H") else {name}
+    if not all(sigma[one] < sizes[one] for one in by):
+        return "bad"
+    return "caution" if sigma[name] > RESERVE * sizes[name] else "good"
+
+
 class _ExpectedErrors(NamedTuple):
     """Standard deviations that a plan promises."""
 
@@ -281,15 +303,17 @@ class CapturePlan(NamedTuple):
     changes: tuple[_PlanChange, ...]
     """Best first, by d_3."""
     sizes: Mapping[str, float]
-    """Sizes that standard deviations are held against [mm or 1]: the quantities' own; of d_3, which may be 0, d_1 where
-    that is larger."""
+    """Sizes that standard deviations are held against, as `sizes_of` has them."""
     distortion: int = 0
     """Radial coefficients that the calibration will fit."""
 
     def determined(self, name: str, expected: _ExpectedErrors | None = None) -> bool:
-        """True where a quantity is known to less than its size; of d_f = f (1 + m)/m, and H by it, where m is, too."""
-        sigma = (expected or self.expected).sigma
-        return all(sigma[one] < self.sizes[one] for one in {name, "m" if name in ("d_f", "H") else name})
+        """True where a quantity is known to less than its size."""
+        return self.trust(name, expected) != "bad"
+
+    def trust(self, name: str, expected: _ExpectedErrors | None = None) -> Trust:
+        """Trust in a quantity, by captures alone."""
+        return trust_in(name, (expected or self.expected).sigma, self.sizes)
 
     @property
     def advice(self) -> str:
@@ -420,8 +444,7 @@ def plan(
             continue
         changes.append(_PlanChange(what, after, known))
     changes.sort(key=lambda change: change.expected.sigma["d_3"])
-    sizes = {name: abs(float(value)) for name, value in derived(camera.vector(), sheet).items()}
-    sizes["d_3"] = max(sizes["d_3"], sizes["d_1"])
+    sizes = sizes_of({name: float(value) for name, value in derived(camera.vector(), sheet).items()})
     return CapturePlan(captures, before, tuple(changes), sizes, distortion)
 
 

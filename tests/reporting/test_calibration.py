@@ -65,14 +65,31 @@ def written(folder, **changes):
 def test_numbers_and_drawings_are_those_of_the_folder(tmp_path):
     section = calibrated_finding(load("paper"), read_calibration(written(tmp_path))).section
     said, quantities, shares, figure = section.blocks
-    text = "Calibrated from 2 images: H = 1.523 ± 0.012, d_3 = 120.5 ± 2.3 mm (standard deviations)."
-    assert said.items[0].text == text
+    text = "H = 1.523 ± 0.012, d_3 = 120.5 ± 2.3 mm (standard deviations)."
+    assert said.items[0].text == f"Calibrated from 2 images: a signed calibration may quote H, d_3 and d_2. {text}"
     assert [item.tone for item in said.items] == ["good", "good"]
-    expected = ("d_3", "120.5", "mm", "2.3", "118.1 to 122.8", "115.8 to 125.1", "1.0010", "2000")
+    expected = ("d_3", "120.5", "mm", "2.3", "118.1 to 122.8", "115.8 to 125.1", "1.0010", "2000", "✓")
     assert quantities.rows[1] == expected
     assert shares.rows[0] == ("H", "25.0 %", "70.0 %", "5.0 %")
     assert figure.content == SVG
     assert "ridge" in render_html(Report("a", "", (section,)))
+
+
+def test_a_sigma_as_large_as_the_length_is_a_cross_and_one_over_a_tenth_a_reserve(tmp_path):
+    """Of f focused at infinity m is nothing, and d_f and H by it; d_3 at the lens is held against d_1."""
+    rows = {
+        "d_3": row(0.005, 3.0, "mm"),
+        "d_1": row(51.0, 0.5, "mm"),
+        "d_2": row(2.0, 0.21, "mm"),
+        "A": row(5.0, 5.0, ""),
+    }
+    rows |= {"m": row(1e-4, 2e-4, ""), "H": row(1.0, 0.01, ""), "d_f": row(-9.0, 0.1, "mm")}
+    finding = calibrated_finding(load("paper"), read_calibration(written(tmp_path, quantities=rows)))
+    marks = {cells[0]: cells[-1] for cells in finding.section.blocks[1].rows}
+    assert marks == {"d_3": "✓", "d_1": "✓", "d_2": "!", "A": "✗", "m": "✗", "H": "✗", "d_f": "✗"}
+    assert finding.statement.tone == "bad"
+    quoted = "may quote d_3 and d_1; with reserve d_2 (sigma over 10 % of it); not A, m, H and d_f (sigma as large"
+    assert quoted in finding.statement.text
 
 
 def test_warnings_lost_convergence_and_another_design_are_told(tmp_path):
@@ -275,3 +292,5 @@ def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine():
     assert " H to" not in plan.advice
     rows = {row[0]: row[1] for row in blocks[2].rows}
     assert [name for name, cell in rows.items() if cell == "not determined"] == ["H", "d_f", "m"]
+    assert [row[0] for row in blocks[2].rows if row[-1] == "✗"] == ["H", "d_f", "m"]
+    assert lengths.tone == "bad"

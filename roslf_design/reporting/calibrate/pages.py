@@ -17,7 +17,17 @@ from ...calibration.fit import VISIBLE
 from ...calibration.misfit import DISAGREE
 from ...calibration.model import QUANTITIES, UNITS, derived
 from ...calibration.options import PlanOptions, calibration_plan, lengths_after, plan_cover, wider_board
-from ...calibration.planning import LEAST_GAIN, NO_GAIN, CapturePlan, smaller_board, too_large
+from ...calibration.planning import (
+    LEAST_GAIN,
+    NO_GAIN,
+    RESERVE,
+    CapturePlan,
+    Trust,
+    sizes_of,
+    smaller_board,
+    too_large,
+    trust_in,
+)
 from ...calibration.result import LAPLACE, Outcome
 from ...calibration.space import SceneSide
 from ...calibration.written import file_in, read_numbers
@@ -30,8 +40,21 @@ from ...evaluation.required import required_of
 from ...input_files import read_bytes
 from ...theory.depth_budget import DepthBudget, depth_budget
 from ...tolerancing.places import short_name
-from ...words import length, listed, number, rounded, sentence, uncertainty
-from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
+from ...words import clauses, length, listed, number, rounded, sentence, uncertainty
+from ..blocks import (
+    MARKS,
+    Block,
+    Bullets,
+    Code,
+    Figure,
+    Finding,
+    Paragraph,
+    Report,
+    Section,
+    Statement,
+    Statements,
+    Table,
+)
 from ..design.pages import TONES
 from . import pictures
 
@@ -40,6 +63,8 @@ if TYPE_CHECKING:
     from ...calibration.distortion import Distortion
     from ...theory.length_covariance import LengthCovariance
 
+MARKED: tuple[Trust, ...] = ("good", "caution", "bad")
+"""Trust in quantities, the best first."""
 UNDETERMINED = "not determined"
 """Cell of a quantity whose standard deviation is its own size or more."""
 SOURCES: dict[str, tuple[str, str, str]] = {
@@ -60,8 +85,12 @@ SOURCES: dict[str, tuple[str, str, str]] = {
 """Where variance comes from: at the head of a column, in a sentence, and what lessens it."""
 VARIANCE = "Where the variance comes from"
 """Title of the table of its shares."""
-RATIOS = "H = d_1/A; A: image distance as the pupil sees it; m = d_1/d_f: magnification on the array."
-"""Meaning of the letters that a calibration has beside the lengths."""
+RATIOS = (
+    "H = d_1/A; A: image distance as the pupil sees it; m = d_1/d_f: magnification on the array. ✗: sigma is as large "
+    f"as the quantity, or that is not determined: not to be quoted; !: sigma is over {100 * RESERVE:g} % of it. A d_3 "
+    "near 0 is held against d_1."
+)
+"""Meaning of the letters that a calibration has beside the lengths, and of the marks."""
 FIGURES: dict[str, tuple[str, str, Callable[[Outcome], Picture]]] = {
     "residuals": (
         "What the joint fit leaves over",
@@ -132,8 +161,9 @@ def calibrated_finding(design: Design, calibrated: Calibrated) -> Finding:
     """Estimates with their intervals, where their variance comes from, drawings and warnings."""
     data = calibrated.data
     warned = bool(data.get("warnings")) or data.get("converged") is False
-    text = f"Calibrated from {len(data.get('images_used', ()))} images: {_pair(data)}."
-    said = [Statement("caution" if warned else "good", text)]
+    trusts = _trusts(data)
+    text = f"Calibrated from {len(data.get('images_used', ()))} images: {_quotable(trusts)}. {_pair(data)}."
+    said = [Statement(max(_worst(trusts), MARKED[warned], key=MARKED.index), text)]
     if data.get("posterior"):
         text = f"Posterior {data['posterior']['message']}."
         said.append(Statement("good" if data.get("converged") else "bad", text))
@@ -185,7 +215,10 @@ def calibration_report(result: Outcome, drawings: Mapping[str, str], command: st
 def _statements(result: Outcome) -> Iterator[Statement]:
     """Statements of a calibration's main results."""
     fitted = result.calibration
-    yield Statement("caution" if result.warnings else "good", f"{_pair(result.to_dict())}.")
+    data = result.to_dict()
+    trusts = _trusts(data)
+    worst = max(_worst(trusts), MARKED[bool(result.warnings)], key=MARKED.index)
+    yield Statement(worst, f"{sentence(_quotable(trusts))} {_pair(data)}.")
     images, total = len(fitted.observations.names), len(fitted.observations.names) + len(fitted.observations.missing)
     yield Statement(
         "plain",
@@ -326,18 +359,27 @@ def _quantities_table(data: Mapping[str, Any]) -> Table:
     """Every quantity of a calibration's JSON with its intervals."""
     sampled = bool(data.get("posterior"))
     rows = []
+    trusts = _trusts(data)
     for name, row in data["quantities"].items():
         ends = [[rounded(end, row["sigma"]) for end in row[key]] for key in ("interval_68", "interval_95")]
         chains = (f"{row['r_hat']:.4f}", f"{row['ess']:.0f}") if sampled else ()
         intervals = (f"{low} to {high}" for low, high in ends)
         rows.append(
-            (name, rounded(row["estimate"], row["sigma"]), row["unit"], f"{row['sigma']:.2g}", *intervals, *chains)
+            (
+                name,
+                rounded(row["estimate"], row["sigma"]),
+                row["unit"],
+                f"{row['sigma']:.2g}",
+                *intervals,
+                *chains,
+                MARKS[trusts[name]][0],
+            )
         )
-    heads = ("", "estimate", "", "sigma", "68 % interval", "95 % interval", *(("R-hat", "ESS") if sampled else ()))
+    heads = ("", "estimate", "", "sigma", "68 % interval", "95 % interval", *(("R-hat", "ESS") * sampled), "")
     source = "posterior" if sampled else "Laplace's approximation"
     return Table(
         tuple(rows),
-        "lrlrrr" + "r" * (len(heads) - 6),
+        "lrlrrr" + "r" * (len(heads) - 7) + "l",
         heads,
         f"Calibrated, with intervals of {'the ' * sampled}{source}",
         RATIOS,
@@ -526,7 +568,11 @@ def plan_blocks(
     def cell(name: str, expected: Any) -> str:
         return f"{expected.sigma[name]:.3g}" if plan.determined(name, expected) else UNDETERMINED
 
-    rows = tuple((name, cell(name, before), UNITS[name]) for name in QUANTITIES)
+    trusts = {name: plan.trust(name) for name in QUANTITIES}
+    rows = tuple(
+        (name, cell(name, before), UNITS[name], number(plan.sizes[name], 4), MARKS[trusts[name]][0])
+        for name in QUANTITIES
+    )
     changes = tuple(
         (
             c.what,
@@ -539,7 +585,7 @@ def plan_blocks(
     return (
         Paragraph(_assumed(design, plan, asked)),
         Statements(tuple(answers)),
-        Table(rows, "lrl", ("", "expected sigma", ""), promises, RATIOS),
+        Table(rows, "lrlrl", ("", "expected sigma", "", "of", ""), promises, RATIOS),
         _shares_table(before.shares, whence),
         Table(
             changes,
@@ -561,7 +607,9 @@ def _promise(design: Design, plan: CapturePlan, asked: PlanOptions, build: Lengt
         sigma = {name: one or alone[name] for name, one in both.items()}
     sizes = {"d_3": f"{sigma['d_3']:.2g} mm", "H": f"{sigma['H']:.2g}", "d_2": _rounded(sigma["d_2"])}
     known = [f"{name} to {size}" for name, size in sizes.items() if plan.determined(name)]
-    text = f"It will know {listed(known)} (one standard deviation)." if known else ""
+    trusts = {name: plan.trust(name) for name in QUANTITIES}
+    text = f"By captures alone, {_quotable(trusts)}."
+    text += f" It will know {listed(known)} (one standard deviation)." if known else ""
     advice = plan.advice
     if build is not None and plan.determined("d_3"):
         text += f" Tolerances are known before; captures alone tell d_3 to {alone['d_3']:.2g} mm."
@@ -571,7 +619,29 @@ def _promise(design: Design, plan: CapturePlan, asked: PlanOptions, build: Lengt
         text += f" d_3 itself is {number(d_3, 2)} mm as the main lens sees it."
     if lost := [name for name in QUANTITIES if not plan.determined(name)]:
         text += f" Not determined by these poses: {listed(lost)}; depth is known without them."
-    return Statement("plain" if plan.determined("d_3") else "caution", text.strip(), advice)
+    return Statement("plain" if (worst := _worst(trusts)) == "good" else worst, text, advice)
+
+
+def _quotable(trusts: Mapping[str, Trust]) -> str:
+    """Clause on the quantities that a signed calibration may quote, those with reserve, and those not."""
+    good, reserve, none = ([name for name, trust in trusts.items() if trust == one] for one in MARKED)
+    told = [
+        f"a signed calibration may quote {listed(good)}" if good else "a signed calibration may quote nothing as it is",
+        f"with reserve {listed(reserve)} (sigma over {100 * RESERVE:g} % of it)" if reserve else "",
+        f"not {listed(none)} (sigma as large as itself, or not determined)" if none else "",
+    ]
+    return clauses(*told)
+
+
+def _worst(trusts: Mapping[str, Trust]) -> Trust:
+    return max(trusts.values(), key=MARKED.index)
+
+
+def _trusts(data: Mapping[str, Any]) -> dict[str, Trust]:
+    """Trust in each quantity of a calibration's JSON."""
+    rows = data["quantities"]
+    sigma, sizes = ({name: row[key] for name, row in rows.items()} for key in ("sigma", "estimate"))
+    return {name: trust_in(name, sigma, sizes_of(sizes)) for name in rows}
 
 
 def _rounded(size: Any) -> str:
