@@ -83,7 +83,7 @@ MEANT = (
 
 
 def lengths_not_counted(design: str = "", calibrated: float | None = None, bare: float | None = None) -> str:
-    """What stands below U of lengths as drawn: U in the focal plane with what they add; else the command that tells it.
+    """Line below U of lengths as drawn: U in the focal plane with what they add; else the command that tells it.
 
     `design` is as it was typed; `calibrated` is U as planned, `bare` without a calibration [mm], None where not known.
     """

@@ -19,7 +19,7 @@ from ..options import Distance, check_distances
 from ..tables import Table, plain_text, print_table
 from ..theory.depth_budget import COVERAGE, KINDS, BudgetTerm, DepthBudget
 from ..theory.focused import FocusedArray
-from ..theory.quantities import QUANTITIES, quantity_named
+from ..theory.quantities import PREDICTED_NOISE, QUANTITIES, noise_words, quantity_named
 from ..theory.quantity import Quantity
 from ..words import fixed, number, place, spaced, uncertainty
 from .answer import MEANT, FirstAnswer
@@ -206,7 +206,8 @@ def _facts(result: Evaluation, *groups: str) -> list[tuple[str, str, str]]:
             continue
         if (value := result.value(quantity)) is not None:
             remark = listed.remark_on(result.group(listed.under))
-            rows.append((listed.label or quantity.label, quantity.text(value), remark))
+            label = noise_words(result.depth.assumes is None) if listed.label == PREDICTED_NOISE else listed.label
+            rows.append((label or quantity.label, quantity.text(value), remark))
     return rows
 
 
@@ -369,8 +370,8 @@ def mapping_table(result: Evaluation) -> Table | None:
         return None
     rows = tuple(field.cells for field in objective.fields)
     caption = (
-        f"The objective, {objective}. Samples and depth noise (bound) are those on the focal plane, along the "
-        "field's radius and across it; angles are those in the medium of the scene."
+        f"The objective, {objective}. Samples and {noise_words(result.depth.assumes is None)} are those on the focal "
+        "plane, along the field's radius and across it; angles are those in the medium of the scene."
     )
     headings = ("microlens x, y [mm]", "angle [deg]", "height against f tan [%]", "object sample [mm]", "σ_Z [mm]")
     return Table(rows, "lrrrr", headings, "The objective's mapping over the field", caption)

@@ -269,7 +269,7 @@ def _outcome(changes: Mapping[str, float], before: _Facts, after: _Facts) -> str
     for name, unit, old, new, better in (
         ("image fill", "", b.fill_factor, a.fill_factor, abs(a.fill_factor - 1) <= abs(b.fill_factor - 1)),
         ("undistorted to", " mm", b.undistorted_mm, a.undistorted_mm, a.undistorted_mm >= b.undistorted_mm),
-        ("depth noise (bound)", " mm", b.sigma_mm, a.sigma_mm, a.sigma_mm <= b.sigma_mm),
+        ("depth noise", " mm", b.sigma_mm, a.sigma_mm, a.sigma_mm <= b.sigma_mm),
         ("views across", "", b.views, a.views, a.views >= b.views),
     ):
         if math.isfinite(new) and abs(new - old) > NOTEWORTHY * max(abs(old), abs(new)):

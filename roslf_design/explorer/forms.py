@@ -46,7 +46,7 @@ class WantedQuantity(NamedTuple):
 
 GOALS = {
     "expected": WantedQuantity("least depth, expected", "u_z_mm", "min"),
-    "depth": WantedQuantity("least depth noise (bound)", "sigma_z_mm", "min"),
+    "depth": WantedQuantity("least depth noise", "sigma_z_mm", "min"),
     "field": WantedQuantity("widest field", "field_half_width_mm", "max"),
     "light": WantedQuantity("most light", "light_sr", "max"),
     "views": WantedQuantity("most independent views", "views_independent", "max"),
@@ -59,7 +59,7 @@ VARIABLES = ("D", "f", "d_f", "d_1", "D_F", "d_3", "d", "d_2")
 USUAL = ("D_F", "d_3", "d_2")
 """Variables that are chosen by default."""
 HELD = {
-    "depth": WantedQuantity("depth noise (bound)", "sigma_z_mm", "max"),
+    "depth": WantedQuantity("depth noise", "sigma_z_mm", "max"),
     "expected": WantedQuantity("depth, expected", "u_z_mm", "max"),
     "field": WantedQuantity("field", "field_half_width_mm", "min"),
     "views": WantedQuantity("independent views", "views_independent", "min"),
@@ -137,7 +137,7 @@ Request = TypeVar("Request", ToleranceRequest, OptimiseRequest, MeasureRequest)
 
 
 USUAL_LIMITS = (
-    f"image fill within {100 * FILL:g} % of nominal, depth noise (bound) {100 * DEPTH:g} % more at most, no field "
+    f"image fill within {100 * FILL:g} % of nominal, depth noise {100 * DEPTH:g} % more at most, no field "
     f"losing more than {100 * KEPT:g} % of its light, image centres found to {CENTRE:g} px"
 )
 """The first look's limits in words."""

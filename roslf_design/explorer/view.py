@@ -37,7 +37,7 @@ from ..reporting.design.rays import meridional
 from ..reporting.optimise.pictures import change_bars, ends_differ, goal_front, search_history
 from ..reporting.tolerance.pictures import offender_bars, spread_bars, yield_bars, yield_curve
 from ..theory.depth_budget import NOISE, WARMTH
-from ..theory.quantities import QUANTITIES
+from ..theory.quantities import QUANTITIES, noise_words
 from ..words import clauses, decimals, listed, percent, sentence, the, to_html
 from .optimise_run import OptimiseResult
 from .state import (
@@ -517,15 +517,17 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
     budget = source.evaluation.depth_budget
     ahead = source.evaluation.answer.working_distance_mm
     share = f"{100 * float(budget.u_z_mm) / ahead:.2g} % of the {short(ahead, 4)} mm from the tip"
+    noise = "Noise (bound)" if assumed is not None else noise_words(True).capitalize()
     text = (
         f"Depth, expected, lengths {budget.lengths}, in the plane in focus: {budget.words}, {share}. "
-        f"{to_html(sentence(source.evaluation.answer.uncounted()))} Noise (bound): {short(sigma, 3)} mm."
+        f"{to_html(sentence(source.evaluation.answer.uncounted()))} {noise}: {short(sigma, 3)} mm."
     )
     tone, remedy = "good", ""
     if not alike.all():
         ends = curve.place[~alike][0]
         causes, remedy = _falls(source.evaluation)
-        text += f" The bound holds out to {short(ends, 3)} of {short(last, 3)} mm on the array; beyond, {causes}"
+        what = "noise" if assumed is None else "bound"
+        text += f" The {what} holds out to {short(ends, 3)} of {short(last, 3)} mm on the array; beyond, {causes}"
         unknown = not math.isfinite(curve.sigma[-1])
         text += ", to nothing at the corner." if unknown else f", to {short(curve.sigma[-1], 3)} mm at the corner."
         tone = "caution"

@@ -174,11 +174,11 @@ TRIALS, TRACED = 4096, 1024
 """Units of a first look; and behind a real lens, where each is traced: their intervals are twice as wide."""
 GRADE = "precision"
 FILL, KEPT, CENTRE, DEPTH = 0.1, 0.01, 1.0, 0.1
-"""Limits: change of the image fill, light lost, image centres off [px], growth of the depth noise (bound)."""
+"""Limits: change of the image fill, light lost, image centres off [px], growth of the depth noise."""
 QUESTION = (
     f"A first look, with limits that this report sets itself: {{}} Monte Carlo units (builds) to the grade "
     f"'{GRADE}' (engineering judgement, as the table of grades says), the decoder calibrated on each. A build is "
-    f"good where its image fill stays within {100 * FILL:g} % of the nominal, its depth noise (bound) grows by "
+    f"good where its image fill stays within {100 * FILL:g} % of the nominal, its depth noise grows by "
     f"{100 * DEPTH:g} % at most, no field loses more than {100 * KEPT:g} % of the light that it nominally gets, and "
     f"the decoder finds image centres to {CENTRE:g} px. Your own tolerances and limits make a study: roslf tolerance."
 )

@@ -299,6 +299,15 @@ def _hyperfocal(prefix: str, kind: depth_of_field.Kind, image: str) -> Quantity:
     )
 
 
+PREDICTED_NOISE = "depth noise (bound)"
+"""Depth noise where light, noise and texture tell the disparity error."""
+
+
+def noise_words(given: bool) -> str:
+    """Name of depth noise; where the design gives the disparity error it is no bound of anything."""
+    return "depth noise, disparity error as given" if given else PREDICTED_NOISE
+
+
 def _depth_remark(depth: Any) -> str:
     """Disparity error that the depth noise is told for."""
     error = f"1 sigma, for {number(depth.sigma_disparity_pitches, 3)} pitch of disparity error"
@@ -870,16 +879,16 @@ _EVERY = (
     Quantity(
         "sigma_z_mm",
         "mm",
-        "depth noise (bound), at a distance ahead of the tip or at the focal plane: the standard error that light, "
-        "noise and texture leave, or a given disparity error; not what is to be expected, which is u_z_mm",
+        "depth noise, at a distance ahead of the tip or at the focal plane: the standard error that light, noise and "
+        "texture leave, a bound, or that of a given disparity error; not what is to be expected, which is u_z_mm",
         depth_error,
         at="optional",
         monotone=False,
         monotone_with="depth.disparity_error",
         numeric=True,
         of_views=True,
-        label="depth noise (bound) σ_Z",
-        evaluated=Listed("depth", "depth noise (bound)", _depth_remark),
+        label="depth noise σ_Z",
+        evaluated=Listed("depth", PREDICTED_NOISE, _depth_remark),
     ),
     Quantity(
         "u_z_mm",
@@ -909,13 +918,12 @@ _EVERY = (
     Quantity(
         "sigma_z_at_field_mm",
         "mm",
-        "depth noise (bound) at the focal plane, as the field's own microlens image is cut; through windows to first "
-        "order",
+        "depth noise at the focal plane, as the field's own microlens image is cut; through windows to first order",
         None,
         depth_error_at_fields,
         numeric=True,
         of_views=True,
-        label="depth noise (bound) σ_Z at the field",
+        label="depth noise σ_Z at the field",
     ),
     Quantity(
         "u_z_at_field_mm",
@@ -1048,10 +1056,12 @@ _VARIABLES = {"main_lens.bending": "bending of the lens", "working_distance": "w
 _NAME = re.compile(r"(?<![\w.])([A-Za-z]\w*(?:\.\w+)*)(?:@(\d+))?(?![\w@])")
 
 
-def bound_note(names: Iterable[str]) -> str:
-    """Sentence on what depth noise is not, where one of the quantities is that; else ""."""
+def bound_note(names: Iterable[str], given: bool) -> str:
+    """Sentence on what depth noise is not, where one of the quantities is that; else "". `given` as `noise_words`."""
     if not any(name in ("sigma_z_mm", "sigma_z_at_field_mm") for name in names):
         return ""
+    if given:
+        return "Depth noise is that of the disparity error that the design gives, whatever light and texture: no bound."
     return "Depth noise is the bound that light, noise and texture set; what depth is expected to have is u_Z."
 
 

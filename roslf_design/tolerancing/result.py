@@ -522,7 +522,8 @@ def _warnings(
     tilts = any(".tilt." in p.place for p in plan.draws.perturbations)
     if tilts and "non_distortion_room_mm" in plan.question.metrics:
         yield "non_distortion_room_mm is right to first order in tilts; kept_fraction is exact in them"
-    if note := bound_note(plan.columns[limit.column].metric for limit in plan.limits):
+    given = plan.question.design.depth.disparity_error is not None
+    if note := bound_note((plan.columns[limit.column].metric for limit in plan.limits), given):
         yield note
     for name, left_out in plan.by_formula.items():
         yield f"{name} is not traced behind the real lens: its formula leaves out {left_out}"

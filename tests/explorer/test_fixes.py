@@ -214,7 +214,7 @@ def test_papers_numbers():
     fixes = {fix.key: fix for fix in proposals(roslf.load("paper-mismatched").replace({"depth.disparity_error": 0.1}))}
     assert fixes["match-d_3"].changes["d_3"] == pytest.approx(120.0, abs=5)
     assert fixes["telecentric"].changes == {"d_3": 100.0}
-    assert "depth noise (bound) 1.79 → 1.3" in fixes["telecentric"].outcome
+    assert "depth noise 1.79 → 1.3" in fixes["telecentric"].outcome
     assert "image fill 0.689 → 1" in fixes["match-D_F"].outcome
 
 

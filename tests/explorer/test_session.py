@@ -586,7 +586,8 @@ def test_behind_a_real_lens_the_explorer_tells_what_evaluate_tells(name, warmed)
     first, map_first, later, last = asyncio.run(play())
     # Depth is the one of the lens's own glass at once, in words and in both pictures.
     for page in (first, last):
-        assert page["depth_known"]["text"].startswith("Depth, expected, lengths as drawn, in the plane in focus: u = " + u)
+        words = "Depth, expected, lengths as drawn, in the plane in focus: u = "
+        assert page["depth_known"]["text"].startswith(words + u)
         assert f": {u} at the focal plane" in page["picture_depth"]
         assert f": {u} at its centre" in page["picture_depth_field"]
     # What rays tell waits for them.

@@ -346,8 +346,8 @@ def _beside_evaluate(design: Design, texture: Design) -> str:
     bound, here = (number(float(QUANTITIES["sigma_z_mm"](camera)), 3) for camera in (own, seen))
     finest, sample = float(seen["depth.finest"]), float(QUANTITIES["object_sample_mm"](own))
     return (
-        f"roslf evaluate's bound, {bound} mm in the middle of the focal plane, is for the design's texture. For this "
-        f"scene's, with no detail finer than {length(finest)} ({number(finest / sample, 3)} microlenses "
+        f"roslf evaluate's depth noise, {bound} mm in the middle of the focal plane, is for the design's texture. For "
+        f"this scene's, with no detail finer than {length(finest)} ({number(finest / sample, 3)} microlenses "
         f"there) and {number(float(seen['depth.contrast']), 3)} rms contrast against this part's brightness, it is "
         f"{here} mm; what is left between that and the error predicted comes of other distances and fields. "
         f"{_beside_expected(own)}"
@@ -361,7 +361,7 @@ def _beside_expected(camera: Camera) -> str:
     if not (others and math.isfinite(budget.u_z_mm)):
         return ""
     return (
-        f"Depth, expected, there (u = {number(float(budget.u_z_mm), 3)} mm) counts {listed(others)} beside that bound, "
+        f"Depth, expected, there (u = {number(float(budget.u_z_mm), 3)} mm) counts {listed(others)} beside that noise, "
         "which these exposures do not have: what they scatter by is noise, in this scene's texture."
     )
 

@@ -85,7 +85,8 @@ def _figures(named: dict[str, Design], results: Sequence[Evaluation]) -> tuple[t
     images = Figure.of("images", title, caption, microlens_images(corners)[0])
     caption = (
         "Depth, expected, one standard deviation, lengths as drawn, of each design over its working range and the "
-        "distances that it requires something at; thin, the bound that photons and read noise alone leave; dots mark "
+        "distances that it requires something at; thin, depth noise: what photons and read noise alone leave, or a "
+        "disparity error as given; dots mark "
         "the focal planes. The lower curve resolves depth better there."
     )
     return rays, images, Figure.of("depth", "Depth, expected", caption, depth_comparison(named))

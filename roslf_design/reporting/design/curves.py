@@ -42,6 +42,7 @@ from ...theory.field_of_view import focus_ahead
 from ...theory.length_covariance import CalibratedLengths, LengthCovariance
 from ...theory.light_field import rim_disparity
 from ...theory.limits import limits
+from ...theory.quantities import noise_words
 from ...theory.stop_images import MicrolensImages
 from ...theory.vignetting import corner_room
 from ...words import listed
@@ -205,10 +206,10 @@ def depth_precision(design: Design, size: Point = (560, 320), known: KnownLength
 
 def _depth_keys(design: Design, counts: str) -> tuple[Key, Key]:
     """Keys of depth as expected, of what it counts, and of its bound."""
-    by = "photons and read noise" if design.depth.disparity_error is None else "the disparity error that is given"
+    given = design.depth.disparity_error is not None
     return (
         line_key(f"u_Z, depth, expected, {counts}", "blue", 2.2),
-        line_key(f"σ_Z, its bound by {by}", *BOUND),
+        line_key(f"σ_Z, {noise_words(True) if given else 'its bound by photons and read noise'}", *BOUND),
     )
 
 
@@ -319,7 +320,7 @@ def depth_comparison(designs: Mapping[str, Design]) -> Picture:
     every = [np.concatenate(values) for values in (xs, ys)]
     across, up = (Scale(np.min(v, initial=1e9) / 1.15, np.max(v, initial=1e-9) * 1.15, log=True) for v in every)
     panel = Panel(
-        (0, 0, 1, 1), across, up, tuple(marks), "distance ahead of the tip [mm]", "u_Z, thin: its bound σ_Z [mm]"
+        (0, 0, 1, 1), across, up, tuple(marks), "distance ahead of the tip [mm]", "u_Z, thin: depth noise σ_Z [mm]"
     )
     title = f"Depth, expected, of {', '.join(design.name for design in designs.values())}"
     return one_panel("depth-comparison", title, (PAGE, 320 + legend_height(keys, PAGE - 24)), panel, keys)

@@ -15,6 +15,7 @@ from ...evaluation import default_fields
 from ...evaluation.result import depth_basis
 from ...imaging.transfer import encircled
 from ...lenses.glass import ROOM
+from ...theory.quantities import noise_words
 from ...words import number, spaced, the, uncertainty
 from ..blocks import Figure
 from ..lens_words import lens_words
@@ -46,7 +47,8 @@ def glance(design: Design, views: bool, known: KnownLengths = DRAWN) -> Figure:
     words = f"{above} Below: the image that the middle microlens paints"
     if views:
         parts.append(depth_precision(design, (PAGE - 270.0, low), known))
-        words += ", and depth, expected, over the working range and the distances required, with its bound"
+        own = "its bound" if design.depth.disparity_error is None else noise_words(True)
+        words += f", and depth, expected, over the working range and the distances required, with {own}"
     below = beside("glance-below", "", parts)
     rows = [system, *_folded(design), below]
     if len(rows) > 2:
@@ -211,9 +213,10 @@ def _plane_sheet(design: Design, result: Evaluation) -> Figure:
 def depth_figure(design: Design, known: KnownLengths = DRAWN, more: str = "", tall: float = 220.0) -> Figure:
     """Depth, expected, and its bound over distance, in a picture so tall [px]; `more` is said of them."""
     budget = known.budget(Camera.of(design), None)
+    noise = "the bound" if design.depth.disparity_error is None else noise_words(True)
     caption = (
         f"Depth, expected, 1 σ, {counted_lengths(budget)}: {uncertainty(float(budget.u_z_mm), 3)} at the focal plane, "
-        "which a measurement is to be believed to, and below it the bound, over the working range and all distances "
+        f"which a measurement is to be believed to, and below it {noise}, over the working range and all distances "
         f"that are required or asked for.{more}"
     )
     return Figure.of("depth", "Depth, expected, over distance", caption, depth_precision(design, (PAGE, tall), known))
@@ -224,8 +227,9 @@ def depth_sheet(design: Design, result: Evaluation, known: KnownLengths = DRAWN)
     depth, basis = result.depth, depth_basis(result.depth.assumes)
     behind = number(design.d_f - design.d_3 - result.answer.working_distance_mm, 4, zero=1e-9)
     where = "at the tip" if behind == "0" else f"{behind} mm behind the tip"
+    noise = "The bound" if depth.assumes else noise_words(True).capitalize()
     more = (
-        f" The bound is {number(depth.sigma_z_mm, 3)} mm at the focal plane, where the disparity between the FAP's "
+        f" {noise} is {number(depth.sigma_z_mm, 3)} mm at the focal plane, where the disparity between the FAP's "
         f"rims is known to {number(depth.sigma_disparity_pitches, 3)} microlens pitches ({basis}). Both grow with the "
         f"square of the distance from the FAP ({where}), and further as views blur. The dashed "
         "curve shows how many microlenses an object point spreads over: far from the focal plane views must be "

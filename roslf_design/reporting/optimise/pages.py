@@ -120,7 +120,8 @@ def _statements(result: Result) -> Iterator[Statement]:
     if answer.feasible:
         yield from _about_optimum(result)
         asked = (*answer.asked.goals, *answer.asked.constraints)
-        if note := bound_note(goal.quantity.name for goal in asked):
+        given = answer.problem.design.depth.disparity_error is not None
+        if note := bound_note((goal.quantity.name for goal in asked), given):
             yield Statement("plain", note)
     elif answer.conflict is not None:
         yield _about_conflict(answer)

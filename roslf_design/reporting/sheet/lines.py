@@ -45,7 +45,7 @@ from ...theory.colours import GREEN
 from ...theory.depth_budget import COVERAGE, DepthBudget, depth_budget
 from ...theory.field_of_view import focus_ahead
 from ...theory.photometry import through_filter
-from ...theory.quantities import QUANTITIES
+from ...theory.quantities import QUANTITIES, noise_words
 from ...theory.quantity import Listed, Quantity
 from ...theory.stop_images import MicrolensImages
 from ...tolerancing.metrics import of_cameras
@@ -551,8 +551,9 @@ def _colour_lines(design: Design, colours: tuple[Colour, ...]) -> Iterator[_Shee
     white = f"in white light; {beside(lambda one: one.electrons, 4)}"
     yield _SheetLine(subject, "electrons in a green pixel", green.electrons, "", white, "pixel_electrons")
     every = float(QUANTITIES["sigma_z_mm"](Camera.of(design)))
+    noise = noise_words(design.depth.disparity_error is not None)
     alone = f"scene without colours; green alone {number(green.sigma_z_mm, 3)}, {beside(lambda one: one.sigma_z_mm)}"
-    yield _SheetLine(subject, "depth noise (bound), focal plane, all colours", every, "mm", alone, "sigma_z_mm")
+    yield _SheetLine(subject, f"{noise}, focal plane, all colours", every, "mm", alone, "sigma_z_mm")
 
 
 def _in_green(name: str, factor: float, camera: Camera) -> Array:
@@ -705,14 +706,20 @@ def datasheet_section(grounds: SpreadSources, tell: Share = UNHEARD) -> Section:
     columns = (("± 2σ, builds", grounds.sigma), ("± 2σ, calibrated", grounds.calibrated))
     spreads = [column for column in columns if column[1]]
     tables: dict[str, list[tuple[str, ...]]] = {}
+    assumed = grounds.sheet.depth_precision.assumes
+    noise = f"{noise_words(True).capitalize()}. One standard deviation of one measurement, whatever light and texture."
+    if assumed is not None:
+        noise = (
+            "What photons and read noise alone allow, one standard deviation of one measurement, "
+            f"{depth_basis(assumed)}: no instrument reaches it."
+        )
     where = " ± at the focal plane is wherever a camera has that; elsewhere at the distance itself." if spreads else ""
     captions = {
         "Distances": SHARP,
         EXPECTED: "What a measured depth is to be believed to, on the axis in the focal plane. The first U "
         "leads; those below it take lengths otherwise, and each says when to quote it."
         + (" How far lengths are off is a part of it: it has no ± of its own." if spreads else ""),
-        DEPTH: "What photons and read noise alone allow, one standard deviation of one measurement, "
-        f"{depth_basis(grounds.sheet.depth_precision.assumes)}: no instrument reaches it.",
+        DEPTH: noise,
         "Object field": f"Ends are those of the working range.{where}",
         "Resolution": USABLE + where,
     }
@@ -730,11 +737,12 @@ def datasheet_section(grounds: SpreadSources, tell: Share = UNHEARD) -> Section:
     blocks += [Paragraph(text) for text in words.sheet]
     if not grounds.design.aligned:
         blocks.append(Paragraph(TILTED))
-    for title, cells in tables.items():
-        first = title == next(iter(tables))
+    for subject, cells in tables.items():
+        first = subject == next(iter(tables))
+        title = f"{noise_words(True).capitalize()}, 1 σ" if (subject, assumed) == (DEPTH, None) else subject
         blocks.append(
             Table(
-                tuple(cells), align, headings if first else (), title, captions.get(title, ""),
+                tuple(cells), align, headings if first else (), title, captions.get(subject, ""),
                 widths=widths, dense=True,
             )
         )  # fmt: skip
@@ -810,7 +818,7 @@ def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = N
 
 def _explains(block: Block) -> bool:
     """Whether a table of lines explains others, and stands behind those that are signed."""
-    return isinstance(block, Table) and block.title.startswith((DEPTH, "Object field", "Colours"))
+    return isinstance(block, Table) and block.title.startswith(("Depth noise", "Object field", "Colours"))
 
 
 def sheet_head(design: Design, revision: str, date: str) -> Table:
