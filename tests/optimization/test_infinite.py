@@ -214,3 +214,13 @@ def test_where_no_parts_are_listed_the_reason_is_told():
         InputError, match=rf"no combination of parts can be a design: .*\(nearest: {most:.4g}\); choose"
     ):
         refuse_all(combinations)
+
+
+def test_an_infinite_depth_names_its_cause_and_its_remedy():
+    """Wide FAPs overlap images wherever it is looked for: by closed form fills from 1.5 on tell no views apart."""
+    wide = [("design", "rigid-scope"), ("variables", {"D_F": ["0.8 mm", "1.2 mm"]}), ("constraints", [])]
+    result = study(ASKED, *wide, ("goals", [{"quantity": "u_z_mm", "direction": "min"}]))
+    said = next(statements(result))
+    fill = float(QUANTITIES["fill_factor"](Camera.of(next(design for _, design in result.designs()))))
+    assert f"= ∞ mm; image overlap, image fill {fill:.3g}: beyond 1.5 views cannot be told apart." in said.text
+    assert said.remedy.startswith('Hold images apart: [[constraints]] quantity = "fill_factor", max = 1;')

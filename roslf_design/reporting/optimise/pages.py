@@ -25,12 +25,13 @@ from ...optimization.study import Result
 from ...optimization.traces import Retrace
 from ...optimization.variables import NUMBERS
 from ...tables import Column
+from ...theory.depth_budget import NOISE, OVERLAP, WARMTH, depth_budget
 from ...theory.focused import pupil_blur_ratio
 from ...theory.light import microlens_defocus_waves
 from ...theory.quantities import QUANTITIES, bound_note, in_words
 from ...tolerancing.result import KNOWN_LENGTHS, depth_left_out
 from ...tolerancing.yields import Yield
-from ...words import listed, number, sentence
+from ...words import clauses, listed, number, sentence
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 from ..design.rays import meridional, ray_words, scale_words
 from .pictures import SAME, bore_and_stop, ends_differ, ends_of, goal_front, robust_yields, search_history
@@ -47,6 +48,14 @@ AGREED = 1e-3
 """Difference between an optimum as searched and as traced again from which a page warns."""
 HOLD_REQUIRED = "Hold it, too: required = true in the study takes it over as limits."
 """Remedy of an optimum that misses what its design's `[required]` asks for."""
+WIDER = "Widen the bounds, or ask for something else."
+OF_INFINITE = {
+    OVERLAP: 'Hold images apart: [[constraints]] quantity = "fill_factor", max = 1; where no design then holds every '
+    "limit, lower the bounds of D_F or d_2.",
+    NOISE: "Pixels need light that does not fill them, and the scene texture: exposure, illuminance, depth.contrast.",
+    WARMTH: "A housing that expands less or a narrower environment.range keeps the camera in focus.",
+}
+"""Remedies of a depth that is infinite, by the term of its budget that is."""
 HIGH = 170.0
 """Height of each of the drawings before and after [px]: both stand on the first screen."""
 MOST_LEFT_OUT = 30
@@ -266,13 +275,28 @@ def _optimum(answer: Answer, reached: str) -> Statement:
         text = f"Unbounded objective: {bounds or 'the search'} stopped it at {reached}, which is no optimum."
         return Statement("caution", text, "Limit the goal, or what drives it, by a constraint or narrower bounds.")
     if answer.merit >= BIG:
-        text = f"A design holds every limit, but a goal is infinite wherever it was looked for: {reached}."
-        return Statement("caution", text, "Widen the bounds, or ask for something else.")
+        text = f"A design holds every limit, but a goal is infinite wherever it was looked for: {reached}"
+        why, remedy = _infinite(answer)
+        return Statement("caution", f"{clauses(text, why)}.", remedy)
     if bounds and all(active.bound or active.always for active in pressed):
         text = f"A design holds every limit: {reached}; but nothing stops the goal there save {bounds}."
         return Statement("caution", text, "Where a bound is not meant so, limit what a better goal costs.")
     stopped = f" Active constraints include {bounds}." if bounds else ""
     return Statement("good", f"A design holds every limit; best found: {reached}.{stopped}")
+
+
+def _infinite(answer: Answer) -> tuple[str, str]:
+    """Cause of the optimum's infinite depth, as its own budget has it, and its remedy; no cause of other goals."""
+    camera = Camera.of(answer.problem.design_at(answer.unit).thin_twin)
+    causes = dict[str, str]()
+    for goal in answer.asked.goals:
+        noise_alone = goal.quantity.name.startswith("sigma_z")
+        if noise_alone or goal.quantity.name.startswith("u_z"):
+            for term in depth_budget(goal.warm(camera), goal.at).terms:
+                counted = term.u_mm is not None and (term.name == NOISE or not noise_alone)
+                if counted and np.any(np.isinf(term.u_mm)):
+                    causes[clauses(term.name, term.remark, by=", ")] = OF_INFINITE.get(term.name, "")
+    return " and ".join(causes), clauses(*dict.fromkeys(causes.values()), by=" ") or WIDER
 
 
 def _as_required(said: Statement, result: Result, file: str) -> Statement:
