@@ -132,12 +132,18 @@ class FirstAnswer:
     lit of images."""
     corner_evened_by: str
     """Ways to even that, each with what it brings, in words; empty where it is less than a stop."""
+    insertion_diameter_mm: float
+    """Tube that the design states, wider where parts and walls need it; else all of the camera."""
+    inserted: str
+    """What is taken for inserted, in words."""
     outer_diameter_mm: float
-    """Tube that the design states, wider where parts and walls need it; else the narrowest about the optics."""
+    """Of the whole camera."""
     outer_diameter_about: str
-    """Which tube it is of, in words."""
+    """Which tube the insertion portion is, in words."""
     outer_diameter_counts: str
-    """Walls that it counts, in words."""
+    """Walls that this counts, in words."""
+    head: str
+    """What makes the whole wider than that, in words; empty where all of it is inserted."""
     corner_lp_per_mm: float | None
     """Finest detail in the corner at the focal plane, refocused; None where it is dark, or pixels are no views."""
     depth_degc: float | None
@@ -223,8 +229,11 @@ class FirstAnswer:
             *ranges(within),
             *_corner_light(images, farthest),
             _evened_by(shown, farthest),
-            float(QUANTITIES["outer_diameter_mm"](camera)),
+            float(QUANTITIES[tube.INSERTED](camera)),
+            tube.inserted(camera),
+            float(QUANTITIES[tube.WHOLE](camera)),
             *tube.walls(camera),
+            tube.head(camera),
             outer,
             None if met is None or met[0] != met[1] else float(met[0]),
             None if met is None or met[0] == met[1] else (float(met[0]), float(met[1])),
@@ -266,9 +275,18 @@ class FirstAnswer:
         light = f"{number(100 * self.corner_light, 3)} %"
         more = "; the lens draws the scene smaller there" if self.corner_light > SMALLER else ""
         rows.append((f"light {self.outer_words}", light, f"of that in the middle of the field{more}"))
-        outer = f"{on_side(self.outer_diameter_mm, True, 4)} mm"  # into which it goes
-        rows.append(("outer diameter", outer, f"{self.outer_diameter_about} {self.outer_diameter_counts}"))
-        return tuple(rows)
+        # Into which it goes.
+        inserted, outer = (
+            f"{on_side(width, True, 4)} mm" for width in (self.insertion_diameter_mm, self.outer_diameter_mm)
+        )
+        walls = f"{self.outer_diameter_about} {self.outer_diameter_counts}"
+        if self.head:
+            return (
+                *rows,
+                ("insertion portion", inserted, f"{self.inserted}: {walls}"),
+                ("outer diameter", outer, self.head),
+            )
+        return (*rows, ("outer diameter", outer, f"of {self.inserted}; {walls}"))
 
     @property
     def outer_words(self) -> str:

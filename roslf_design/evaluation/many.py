@@ -23,7 +23,7 @@ from .specification import MOST_TRACED, rays_tell
 
 ANSWERS = (
     *("field_of_view_width_deg", "working_distance_mm", "field_half_width_mm", "object_sample_mm", "u_z_mm"),
-    *("outer_diameter_mm", "fill_factor", "non_distortion_room_mm", "views_independent"),
+    *("insertion_diameter_mm", "outer_diameter_mm", "fill_factor", "non_distortion_room_mm", "views_independent"),
 )
 """Quantities that a table has where none are named: what a buyer asks first, and what verdicts rest on."""
 

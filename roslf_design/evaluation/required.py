@@ -150,7 +150,7 @@ class Requirement:
     def _with_unit(self, value: float) -> str:
         if self.quantity in ("u_z_mm", "sigma_z_mm"):
             return uncertainty(value, 4)
-        if self.quantity == "outer_diameter_mm":  # of a tube into which it goes
+        if self.quantity in tube.WIDTHS:  # of a tube into which it goes
             return f"{on_side(value, True, 4)} mm"
         return f"{number(value, 4)} {self.unit}".rstrip()
 
@@ -216,7 +216,8 @@ def requirements(
     lens = shown.design.main_lens.kind
     counted: dict[str, Callable[[float | None], str]] = {
         "u_z_mm": lambda at: budget(at).counted,
-        "outer_diameter_mm": lambda _: tube.walls(camera)[1],
+        tube.INSERTED: lambda _: f"{tube.inserted(camera)}: {tube.walls(camera)[1]}",
+        tube.WHOLE: lambda _: tube.head(camera) or tube.walls(camera)[1],
     }
     told, others = [], _also_held(shown.design, camera)
     for asked, quantity, low, high in limits(shown.design):
@@ -460,8 +461,9 @@ def _sampling(fold: float, at: float | None, low: float) -> str:
 
 def _culprit(quantity: Quantity, camera: Camera, have: float, low: float | None) -> str:
     """Remedy of a missed limit by what it hangs on, where that is known; `have` is the value, or the detail sampled."""
-    if quantity.name == "outer_diameter_mm" and (low is None or have >= low):
-        widest = max(tube.housed(camera), key=lambda part: float(part.needs(camera)))
+    if quantity.name in tube.WIDTHS and (low is None or have >= low):
+        parts = [part for part in tube.housed(camera) if quantity.name == tube.WHOLE or part.inside(camera)]
+        widest = max(parts, key=lambda part: float(part.across))
         return f"the widest is {the(widest.name)}, {widest.sizes(camera)}"
     if low is None or not 0 < have < low:
         return ""

@@ -444,6 +444,8 @@ class Specification(BriefValue):
     object_samples: tuple[int, int]
     colours: tuple[Colour, ...]
     """Behind colour filters; empty without."""
+    insertion_diameter_mm: float
+    """Of what is inserted (ISO 8600: maximum insertion portion width); without a tube, of all of the camera."""
     outer_diameter_mm: float
     length_mm: float
     """Tip to sensor."""
@@ -586,7 +588,8 @@ def specification(
         independent_views_across=value["views_independent"],
         object_samples=_samples(camera),
         colours=tuple(Colour.of(camera, one) for one in filters(camera.colours)),
-        outer_diameter_mm=value["outer_diameter_mm"],
+        insertion_diameter_mm=value[tube.INSERTED],
+        outer_diameter_mm=value[tube.WHOLE],
         length_mm=value["total_length_mm"],
         parts=tuple(_ListedPart(part.name, float(part.width)) for part in tube.housed(camera)),
         focused=focused,
@@ -600,7 +603,7 @@ _NAMES = (
     "view_hyperfocal_mm",
     "views_geometric",
     "views_independent",
-    "outer_diameter_mm",
+    *tube.WIDTHS,
     "total_length_mm",
 )
 

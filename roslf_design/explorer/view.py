@@ -468,7 +468,7 @@ def _margin(evaluation: Evaluation, verdict: Verdict) -> str:
         return f"all {across}" if apart >= sampling.views_geometric else f"{short(apart, 2)} in {across}"
     if name == "fits_tube":
         word = "needs" if verdict.level == "fault" else "fits"
-        return f"{word} {short(evaluation.answer.outer_diameter_mm, 3)} mm"
+        return f"{word} {short(evaluation.answer.insertion_diameter_mm, 3)} mm"
     if name == "corner_lit":
         return f"{100 * evaluation.answer.corner_light:.3g} %"
     if name == "sharp_over_field":

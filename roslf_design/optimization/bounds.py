@@ -21,7 +21,7 @@ from ..design import PATHS
 from ..errors import InputError, Problem
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField, sensor_field
-from ..theory.tube import LENGTH
+from ..theory.tube import LENGTH, WIDTHS
 from ..tolerancing.places import in_lens
 from ..words import listed
 from .combinations import Combinations
@@ -42,7 +42,6 @@ CORNERS = 500
 SLICES = 5
 """Parts of a side that are tried when shaving."""
 
-OUTER_DIAMETER = "outer_diameter_mm"
 NAMED = 3
 """Parts that are named where a limit refuses many."""
 
@@ -103,7 +102,7 @@ def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     if part.field is not None or part.temperature is not None or problem.is_by_rays(quantity):
         return False
     decentred = any(value for place, value in problem.base.numbers.items() if ".decentre." in place)
-    if quantity.name == OUTER_DIAMETER:  # widths of parts, of a cut array the least
+    if quantity.name in WIDTHS:  # widths of parts, of a cut array the least
         low = part.max is not None and part.min is None if isinstance(part, Constraint) else part.sign > 0
         return low and LENGTH not in problem.base.numbers and not decentred
     monotone = quantity.monotone or quantity.monotone_with in problem.base.numbers
@@ -154,14 +153,14 @@ class _Corners(NamedTuple):
 
     def extremes(self, part: Constraint | Goal) -> tuple[Array, Array]:
         """Least and greatest value in each box, over its cameras that have their focal plane in front of the bore."""
-        if part.quantity.name == OUTER_DIAMETER:
+        if part.quantity.name in WIDTHS:
             return _extremes(part, "smooth", self.housed, self.ahead)
         return _extremes(part, _near_the_bore(part, self.problem.base), self.cameras, self.ahead)
 
     def cannot_hold(self, constraint: Constraint) -> Flags:
         """Whether no camera in a box holds a constraint; widths of parts are so wherever images lie."""
         wrong = _impossible(constraint, *self.extremes(constraint))
-        return wrong if constraint.quantity.name == OUTER_DIAMETER else wrong & self.certain
+        return wrong if constraint.quantity.name in WIDTHS else wrong & self.certain
 
 
 class Refused(NamedTuple):
@@ -251,8 +250,8 @@ def _corners(combinations: Combinations, owner: NDArray[np.intp], low: Array, hi
         image = np.broadcast_to(cameras.seen.d_f > cameras.f * (1 + ROOM), shape)
         ahead = np.broadcast_to(cameras[CONJUGATES[1]] * (1 - ROOM) > cameras.tip, shape)
         housed = cameras
-        asked = (part.quantity.name for part in (*problem.constraints, *problem.goals))
-        if OUTER_DIAMETER in asked and (cut := combinations.cut(owner)).any():
+        asked = {part.quantity.name for part in (*problem.constraints, *problem.goals)}
+        if not asked.isdisjoint(WIDTHS) and (cut := combinations.cut(owner)).any():
             view = _sensor_fields(cameras, ahead)[0]
             sides = {
                 place: np.where(cut, np.fmin(size, 2 * (high + CUT_MARGIN)), size)

@@ -29,7 +29,7 @@ from ..theory.field_of_view import focus_ahead
 from ..theory.focused import LEAST_VIEWS, LIMIT, filtered_views, pupil_blur_ratio
 from ..theory.light import sensor_field
 from ..theory.quantity import Quantity
-from ..theory.tube import OUTER, housed
+from ..theory.tube import OUTER, WIDTHS, housed
 from ..tolerancing.draws import sobol_points
 from .goals import SIGNS, UNDISTORTED, Constraint, Goal, Side
 from .lens_variables import FOCAL, VariedLens
@@ -341,10 +341,10 @@ class DesignProblem:
 
     def _rows_of(self, index: int, constraint: Constraint) -> Iterator[_LimitRow]:
         worst = constraint.quantity.worst if constraint.field is None else None
-        widest = constraint.quantity.name in ("largest_diameter_mm", "outer_diameter_mm")
+        widest = constraint.quantity.name in ("largest_diameter_mm", *WIDTHS)
         of_what = [f" ({rim.name})" for rim in self.base.rims]
         if widest:
-            housing = constraint.quantity.name == "outer_diameter_mm"
+            housing = constraint.quantity.name in WIDTHS
             openings = [rim for rim in self.base.openings if rim.size_places]
             inside = [*(part.name for part in housed(self.base)), *(["tube"] if OUTER in self.base.numbers else [])]
             of_what = [f" ({name})" for name in inside] if housing else [""] * len(openings)

@@ -78,7 +78,7 @@ def quantity_named(name: str) -> Quantity:
 NO_LENS_MOVES = frozenset(
     (
         *("working_distance_mm", "direction_of_view_deg", "object_magnification", "object_sample_mm", "fold_lp_per_mm"),
-        *("outer_diameter_mm", "largest_diameter_mm", "total_length_mm", "camera_length_mm", "lateral_samples"),
+        *(*tube.WIDTHS, "largest_diameter_mm", "total_length_mm", "camera_length_mm", "lateral_samples"),
         *("f_number_microlens", "f_number_microlens_lens", "fresnel_number", "views_independent", "airy_radius_px"),
         *PATHS,
     )
@@ -321,10 +321,15 @@ def _views_remark(c: Camera) -> str:
 def _tube_remark(c: Camera) -> str:
     unfolded = ", unfolded" if c.chain.folding else ""
     if tube.OUTER in c.numbers:
-        return f"of the tube about clear apertures and sensor{unfolded}; {tube.walls(c)[1]}"
+        return tube.head(c) or f"of the tube about clear apertures and sensor{unfolded}; {tube.walls(c)[1]}"
     widest = max(tube.housed(c), key=lambda part: float(part.width)).name
     counted = f"of the narrowest tube about clear apertures and sensor{unfolded}, widest: {widest}"
     return f"{counted}; {tube.uncounted(c)}; mounts come on top"
+
+
+def _inserted_remark(c: Camera) -> str:
+    walls = f"; {' '.join(tube.walls(c))}" if tube.LENGTH in c.numbers else ""
+    return f"ISO 8600's maximum insertion portion width, of {tube.inserted(c)}{walls}"
 
 
 def _length_remark(c: Camera) -> str:
@@ -964,10 +969,22 @@ _EVERY = (
     ),
     # Body.
     Quantity(
-        "outer_diameter_mm",
+        tube.INSERTED,
         "mm",
-        "of the tube stated, wider where parts and walls need it; else the narrowest, sensor by diagonal; at 20 °C",
-        lambda c, _: tube.outer_diameters(c),
+        "of what is inserted: the tube stated, over its length, wider where parts and walls in it need it; without a "
+        "tube all of the camera; at 20 °C",
+        lambda c, _: tube.diameters(c, whole=False),
+        worst=_greatest,
+        monotone=False,
+        label="insertion portion width",
+        sheet=Listed("Body", remark=_inserted_remark),
+    ),
+    Quantity(
+        tube.WHOLE,
+        "mm",
+        "of the whole camera: the tube stated, wider where parts and walls need it, and what lies behind it; without a "
+        "tube the narrowest, sensor by diagonal; at 20 °C",
+        lambda c, _: tube.diameters(c, whole=True),
         worst=_greatest,
         monotone=False,
         label="outer diameter",

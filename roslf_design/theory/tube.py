@@ -18,6 +18,8 @@ from ..lenses.prescription import Prescription
 from ..words import clauses, number, the
 
 WALL, GUIDE, LENGTH, OUTER = "tube.wall", "tube.light_guide", "tube.length", "tube.outer_diameter"
+WIDTHS = INSERTED, WHOLE = "insertion_diameter_mm", "outer_diameter_mm"
+"""Names of the two widths: of the insertion portion, which a stated tube is, and of all of the camera."""
 PACKAGE = "sensor.package"
 RIM = np.linspace(0.0, 2 * np.pi, 72, endpoint=False)
 """Angles at which a rim that stands sideways is looked at [rad]."""
@@ -40,7 +42,12 @@ class _Housed(NamedTuple):
 
     def needs(self, c: Camera) -> Number:
         """Room that it needs between walls, across [mm]."""
-        return self.width if self.aside is None else 2 * (self.aside - shell(c))
+        return self.across if self.aside is None else self.across - 2 * shell(c)
+
+    @property
+    def across(self) -> Number:
+        """Width that it takes, without walls [mm]."""
+        return self.width if self.aside is None else 2 * self.aside
 
     def sizes(self, c: Camera) -> str:
         """Its width, or how far beside the tube's axis it ends, in words."""
@@ -140,8 +147,8 @@ def shell(c: Camera) -> Number:
 
 
 def uncounted(c: Camera) -> str:
-    """Things that stand in a scope's tube and that its width does not count, in words; empty where it counts all."""
-    package = _holds_sensor(c) and not _packaged(c)
+    """What stands in a scope's tube and its width does not count, in words; empty where it counts all."""
+    package = _holds_sensor(c) and not _packaged(c) and bool(np.any(housed(c)[-1].inside(c)))
     left = {"wall": OUTER not in c.numbers, "sensor package": package, "light guide": GUIDE not in c.numbers}
     names = [name for name, out in left.items() if out]
     return f"without {' or '.join(filter(None, (', '.join(names[:-1]), names[-1])))}" if names else ""
@@ -158,13 +165,13 @@ def widest_fap(c: Camera) -> Array:
 
 
 def walls(c: Camera) -> tuple[str, str]:
-    """Tube that the outer diameter is of: the design's, or the narrowest one; walls that it counts and does not count.
+    """Tube that the insertion portion is: the design's, or the narrowest one; walls that it counts and does not count.
 
     Both in words.
     """
     if OUTER not in c.numbers:
         return "narrowest tube about the optics,", uncounted(c)
-    outer, wall, narrowest = float(c.cold[OUTER]), float(shell(c)), float(np.max(_about(c)))
+    outer, wall, narrowest = float(c.cold[OUTER]), float(shell(c)), float(np.max(_about(c, False)))
     walls = "walls with light guide" if GUIDE in c.numbers else "walls"
     parts = f"parts of {number(narrowest - 2 * wall, 4)} mm and {walls} of {number(wall, 4)} mm"
     counted = f"as stated: {parts}, clearance {number(outer - narrowest, 3, 1e-9)} mm"
@@ -178,15 +185,38 @@ def cold_words(c: Camera) -> str:
     return "" if c.cold is c else f"at {ROOM:g} °C"
 
 
-def outer_diameters(c: Camera) -> Array:
-    """Outer diameter of a tube about each of `housed`, last of the tube that is stated, if one is [mm]: (K, ...)."""
-    about = _about(c)
+def inserted(c: Camera) -> str:
+    """What of the camera is taken for inserted, in words."""
+    if LENGTH in c.numbers:
+        return f"the first {number(float(c.cold[LENGTH]), 4)} mm"
+    return "all of the camera" if OUTER in c.numbers else "all of the camera, as no [tube] says what is inserted"
+
+
+def head(c: Camera) -> str:
+    """What makes the whole camera as wide as it is, where a part of it stays outside, in words; else empty."""
+    if LENGTH not in c.numbers:
+        return ""
+    behind = [part for part in housed(c) if not part.inside(c)]
+    widest = max(behind, key=lambda part: float(part.across), default=None)
+    if widest is None or float(widest.across) <= float(np.max(diameters(c, False))):
+        return "of the whole camera: no part behind the tube is wider than it"
+    package = _holds_sensor(c) and not _packaged(c)
+    without = "wall" + " or sensor package" * package
+    return f"of the whole camera, by its head, which stays outside: {widest.name}, {widest.sizes(c)}, without {without}"
+
+
+def diameters(c: Camera, whole: bool) -> Array:
+    """Outer diameter about each of `housed`, last of the tube that is stated, if one is [mm]: (K, ...).
+
+    Of the whole camera, or of its insertion portion: all in the stated tube, or all there is where no length is stated.
+    """
+    about = _about(c, whole)
     return np.stack(np.broadcast_arrays(*about, *([c.cold[OUTER]] if OUTER in c.numbers else [])))
 
 
-def _about(c: Camera) -> Array:
-    """Outer diameter of a tube about each of `housed` [mm], shape (K, ...); for what lies behind it, about the FAP."""
-    parts = housed(c)
-    fap = parts[0].needs(c)
-    widths = [np.where(part.inside(c), part.needs(c), fap) + 2 * shell(c) for part in parts]
+def _about(c: Camera, whole: bool) -> Array:
+    """Outer diameter about each of `housed` [mm], shape (K, ...); of what lies behind the tube its own or the FAP's."""
+    parts, walls = housed(c), 2 * shell(c)
+    fap = parts[0].needs(c) + walls
+    widths = [np.where(part.inside(c), part.needs(c) + walls, part.across if whole else fap) for part in parts]
     return np.stack(np.broadcast_arrays(*widths))

@@ -50,6 +50,10 @@ def outer(design):
     return float(roslf.quantity("outer_diameter_mm")(Camera.of(design)))
 
 
+def inserted(design):
+    return float(roslf.quantity("insertion_diameter_mm")(Camera.of(design)))
+
+
 def verdict(design, name):
     return next(verdict for verdict in roslf.evaluate(design).verdicts if verdict.name == name)
 
@@ -112,8 +116,41 @@ def test_each_part_that_is_too_wide_is_named_with_what_is_missing(scope):
     [(60.0, 6.2), (118.9, 6.2), (119.1, 8.0), (258.0, 8.0), (260.9, 8.0), (261.1, 10.0)],
 )
 def test_what_lies_behind_a_short_tube_need_not_fit(scope, length, wide):
-    tube = {**TUBE, "outer_diameter": 1.0}  # too narrow: what parts need is the outer diameter
-    assert outer(scope.replace({"tube": {**tube, "length": length}})) == pytest.approx(wide + 0.5)
+    tube = {**TUBE, "outer_diameter": 1.0}  # too narrow: what parts need is its outer diameter
+    assert inserted(scope.replace({"tube": {**tube, "length": length}})) == pytest.approx(wide + 0.5)
+    # the head behind it counts for the whole, as wide as it is, with no wall of the tube's
+    assert outer(scope.replace({"tube": {**tube, "length": length}})) == pytest.approx(10.5 if wide == 10 else 10)
+
+
+def test_what_is_inserted_and_what_stays_outside_are_two_lines(scope):
+    """The first 60 mm, to the lens's 8 mm and the sensor's 10 mm behind; all of it; and no word on it."""
+    short = scope.replace({"tube": {"outer_diameter": 7.0, "wall": 0.25, "length": 60.0}})
+    rows = {name: (value, remark) for name, value, remark in roslf.evaluate(short).answer.rows}
+    assert rows["insertion portion"][0] == "7 mm"
+    assert rows["insertion portion"][1].startswith(
+        "the first 60 mm: tube as stated: parts of 6.2 mm and walls of 0.25 mm"
+    )
+    words = "of the whole camera, by its head, which stays outside: sensor, 10 mm, without wall or sensor package"
+    assert rows["outer diameter"] == ("10 mm", words)
+    for tube, says in ((TUBE, "of all of the camera; tube"), (None, "no [tube] says what is inserted; narrowest tube")):
+        answer = roslf.evaluate(scope.replace({"tube": tube})).answer
+        (remark,) = [remark for name, _, remark in answer.rows if name == "outer diameter"]
+        assert says in remark
+        assert answer.insertion_diameter_mm == answer.outer_diameter_mm == pytest.approx(10.5 if tube else 10)
+
+
+@pytest.mark.parametrize(("most", "level"), [(7.0, "good"), (6.9, "fault")])
+def test_a_limit_of_what_is_inserted_does_not_count_the_head(scope, most, level):
+    tube = {"outer_diameter": 7.0, "wall": 0.25, "length": 60.0}
+    asked = scope.replace({"tube": tube, "required": {"insertion_diameter_mm": {"max": most}}})
+    told = verdict(asked, "required_insertion_diameter_mm")
+    assert told.level == level
+    assert "the first 60 mm: as stated" in told.text
+    assert "sensor package" not in told.text
+    sheet = roslf.specification(asked)
+    assert (sheet.insertion_diameter_mm, sheet.outer_diameter_mm) == (7.0, pytest.approx(10))
+    if level == "fault":
+        assert "the widest is plate 1, 6.2 mm" in told.remedy
 
 
 def test_a_sensor_behind_a_relay_may_be_anywhere(scope):

@@ -26,7 +26,7 @@ from ...lenses.material import material_label
 from ...rays import PASSED, fans, glass_shares, trace_pupil
 from ...theory.limits import limits
 from ...theory.quantities import QUANTITIES
-from ...theory.tube import shell
+from ...theory.tube import WHOLE, WIDTHS, shell
 from ...words import length, listed
 
 if TYPE_CHECKING:
@@ -250,15 +250,15 @@ class _Tube:
     """Tip and other end [mm]."""
     stated: bool
     most: float
-    """Half the outer diameter that is required at most [mm]; infinite where none is."""
+    """Half the width that is required at most [mm]; infinite where none is."""
 
     @classmethod
     def of(cls, design: Design) -> _Tube:
         """Tube of a design, which may be widened by no part that it does not hold."""
         tip, end = -_front(design), design.d_1 + design.d_2
-        most = min((high for _, one, _, high in limits(design) if one.name == OUTER and high), default=math.inf) / 2
+        most = min((high for _, one, _, high in limits(design) if one.name in WIDTHS and high), default=math.inf) / 2
         if (tube := design.tube) is None:
-            outer = float(QUANTITIES[OUTER](Camera.of(design))) / 2
+            outer = float(QUANTITIES[WHOLE](Camera.of(design))) / 2
             return cls(outer, outer, outer, (tip, end), False, most)
         cold = Camera.of(design).cold  # as it is stated, at 20 degrees C
         outer = float(cold["tube.outer_diameter"]) / 2
@@ -510,7 +510,6 @@ GLASS, MEDIUM, LENS = ("sky", 0.3), ("green", 0.16), ("blue", 0.22)
 MICROLENSES = "orange"
 TUBE, GUIDE, LIMIT = ("grey", 0.55), ("orange", 0.35), ("vermillion", 1.2, "8 3 2 3")
 """Fillings of a tube's wall and of a ring of light fibres within it; line of an outer diameter that is required."""
-OUTER = "outer_diameter_mm"
 TALLEST = 2.0
 """Ratio of a required outer diameter to the tube's up to which the section is as high as that."""
 
