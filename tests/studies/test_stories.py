@@ -4,6 +4,8 @@ import math
 
 import pytest
 
+from roslf_design import evaluate
+from roslf_design.evaluation.required import required_of
 from roslf_design.optimization.study import read_study as read_optimisation
 from roslf_design.reporting.story import load_story_or_study
 from roslf_design.tolerancing.study import read_study as read_tolerances
@@ -24,5 +26,18 @@ def test_the_arthroscope_has_prism_window_and_saline(root):
     prism, window = design.elements
     assert math.degrees(prism.deviation) == pytest.approx(30)
     assert (window.kind, window.material.name, design.object_space.medium.name) == ("plate", "sapphire", "saline")
-    # inside a tube of 4 mm: parts and the sensor's diagonal
-    assert max(prism.diameter, window.diameter, design.D, math.hypot(*design.sensor.size)) < 4 - 2 * 0.2
+    assert evaluate(design).answer.insertion_diameter_mm == design.tube.outer_diameter == 4
+    # the window, turned with the view about the prism's middle, by hand: its farthest point from the tube's axis
+    beyond = window.distance + window.thickness - prism.distance - prism.thickness / 2
+    aside = beyond * math.sin(prism.deviation) + window.diameter / 2 * math.cos(prism.deviation)
+    assert aside < 2 - 0.05
+
+
+@pytest.mark.parametrize(("name", "missed"), [("arthroscope", {40.0}), ("borescope", {40.0}), ("otoscope", set())])
+def test_a_story_requires_what_its_question_asks_for(root, name, missed):
+    """Size, field and depth; what the design it starts from misses is the depth at the far end alone."""
+    design = load_story_or_study(root / "studies" / f"story-{name}" / "story.toml")[1].design
+    told = required_of(design)
+    assert {"insertion_diameter_mm", "u_z_mm"} < {one.quantity for one in told}
+    assert any("field" in one.quantity for one in told)
+    assert {one.at_mm for one in told if not one.met} == missed
