@@ -135,15 +135,15 @@ class FirstAnswer:
     insertion_diameter_mm: float
     """Tube that the design states, wider where parts and walls need it; else all of the camera."""
     inserted: str
-    """What is taken for inserted, in words."""
+    """Part of the camera that is taken for inserted, in words."""
     outer_diameter_mm: float
-    """Of the whole camera."""
+    """Width of the whole camera."""
     outer_diameter_about: str
-    """Which tube the insertion portion is, in words."""
+    """Tube that the insertion portion is, in words."""
     outer_diameter_counts: str
     """Walls that this counts, in words."""
     head: str
-    """What makes the whole wider than that, in words; empty where all of it is inserted."""
+    """Cause of the whole's width, in words; empty where all of it is inserted."""
     corner_lp_per_mm: float | None
     """Finest detail in the corner at the focal plane, refocused; None where it is dark, or pixels are no views."""
     depth_degc: float | None

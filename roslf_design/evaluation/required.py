@@ -216,8 +216,7 @@ def requirements(
     lens = shown.design.main_lens.kind
     counted: dict[str, Callable[[float | None], str]] = {
         "u_z_mm": lambda at: budget(at).counted,
-        tube.INSERTED: lambda _: f"{tube.inserted(camera)}: {tube.walls(camera)[1]}",
-        tube.WHOLE: lambda _: tube.head(camera) or tube.walls(camera)[1],
+        **{name: partial(_width, camera, name) for name in tube.WIDTHS},
     }
     told, others = [], _also_held(shown.design, camera)
     for asked, quantity, low, high in limits(shown.design):
@@ -312,6 +311,12 @@ def _valued(
     rays = shown.told(quantity, asked.at)
     value = closed if rays is None else rays
     return value, closed, rays, value, None, False
+
+
+def _width(camera: Camera, name: str, _: float | None) -> str:
+    """Parts and walls that a width counts, in words."""
+    walls = tube.walls(camera)[1]
+    return f"{tube.inserted(camera)}: {walls}" if name == tube.INSERTED else tube.head(camera) or walls
 
 
 def _off_axis(

@@ -445,7 +445,7 @@ class Specification(BriefValue):
     colours: tuple[Colour, ...]
     """Behind colour filters; empty without."""
     insertion_diameter_mm: float
-    """Of what is inserted (ISO 8600: maximum insertion portion width); without a tube, of all of the camera."""
+    """Width of what is inserted (ISO 8600: maximum insertion portion width); without a tube, of all of the camera."""
     outer_diameter_mm: float
     length_mm: float
     """Tip to sensor."""

@@ -147,7 +147,7 @@ def shell(c: Camera) -> Number:
 
 
 def uncounted(c: Camera) -> str:
-    """What stands in a scope's tube and its width does not count, in words; empty where it counts all."""
+    """Things that stand in a scope's tube and that its width does not count, in words; empty where it counts all."""
     package = _holds_sensor(c) and not _packaged(c) and bool(np.any(housed(c)[-1].inside(c)))
     left = {"wall": OUTER not in c.numbers, "sensor package": package, "light guide": GUIDE not in c.numbers}
     names = [name for name, out in left.items() if out]
@@ -186,14 +186,14 @@ def cold_words(c: Camera) -> str:
 
 
 def inserted(c: Camera) -> str:
-    """What of the camera is taken for inserted, in words."""
+    """Part of the camera that is taken for inserted, in words."""
     if LENGTH in c.numbers:
         return f"the first {number(float(c.cold[LENGTH]), 4)} mm"
     return "all of the camera" if OUTER in c.numbers else "all of the camera, as no [tube] says what is inserted"
 
 
 def head(c: Camera) -> str:
-    """What makes the whole camera as wide as it is, where a part of it stays outside, in words; else empty."""
+    """Cause of the whole camera's width, where a part of it stays outside, in words; else empty."""
     if LENGTH not in c.numbers:
         return ""
     behind = [part for part in housed(c) if not part.inside(c)]
@@ -215,8 +215,7 @@ def diameters(c: Camera, whole: bool) -> Array:
 
 
 def _about(c: Camera, whole: bool) -> Array:
-    """Outer diameter about each of `housed` [mm], shape (K, ...); of what lies behind the tube its own or the FAP's."""
+    """Outer diameter about each of `housed` [mm], shape (K, ...); of what lies behind the tube its own or none."""
     parts, walls = housed(c), 2 * shell(c)
-    fap = parts[0].needs(c) + walls
-    widths = [np.where(part.inside(c), part.needs(c) + walls, part.across if whole else fap) for part in parts]
+    widths = [np.where(part.inside(c), part.needs(c) + walls, part.across if whole else walls) for part in parts]
     return np.stack(np.broadcast_arrays(*widths))

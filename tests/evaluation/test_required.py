@@ -223,7 +223,7 @@ def test_an_outer_diameter_that_is_required_is_that_of_the_tube_stated():
     says = "as stated: parts of 3 mm and walls of 0.1 mm, clearance 0.8 mm; without sensor package or light guide"
     assert says in result.verdicts[0].text
     assert result.required[0].counts == result.answer.outer_diameter_counts == says
-    assert ("outer diameter", "4 mm", f"tube {says}") in result.answer.rows
+    assert ("outer diameter", "4 mm", f"of all of the camera; tube {says}") in result.answer.rows
     assert roslf.evaluate(tube.replace({"tube.outer_diameter": 4.2})).verdicts[0].level == "fault"
     narrow = roslf.evaluate(tube.replace({"tube.outer_diameter": 3.1}))  # than the parts: it cannot be had
     assert narrow.required[0].value == pytest.approx(3.0 + 2 * 0.1)

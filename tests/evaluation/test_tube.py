@@ -139,6 +139,13 @@ def test_what_is_inserted_and_what_stays_outside_are_two_lines(scope):
         assert answer.insertion_diameter_mm == answer.outer_diameter_mm == pytest.approx(10.5 if tube else 10)
 
 
+def test_a_stop_behind_the_tube_makes_it_no_wider(scope):
+    """The FAP of 2 mm lies 20 mm before the lens, the window's 6.2 mm alone in the first 10 mm of the tube."""
+    tube = {"outer_diameter": 1.0, "wall": 0.25, "length": 10.0}
+    wide = scope.replace({"aperture.distance": 20.0, "aperture.diameter": 7.0, "tube": tube})
+    assert inserted(wide) == pytest.approx(6.2 + 0.5)
+
+
 @pytest.mark.parametrize(("most", "level"), [(7.0, "good"), (6.9, "fault")])
 def test_a_limit_of_what_is_inserted_does_not_count_the_head(scope, most, level):
     tube = {"outer_diameter": 7.0, "wall": 0.25, "length": 60.0}
