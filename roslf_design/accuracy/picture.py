@@ -34,7 +34,8 @@ from .statement import Accuracy, check_accuracy
 Floats = NDArray[np.float64]
 Patch = tuple[int, int, int, int]
 
-OF = "99 of 100 pixels, 1 is a fully lit one"
+OF = "99 of 100 pixels"
+UNIT = "% of a fully lit one"
 SHARE = 0.99
 
 ROUNDING = {"coverage": 3e-7, "harmonics": 3e-6}
@@ -145,12 +146,12 @@ def stated(image: RawImage, settled: _Settled | None, accuracy: float | None, bu
     job = _Job(image.design, image.scene, image.plan, budget, image.seed, image.region, image.method)
     if settled is None:
         expected = job.floor + (2 * max(budget.intensity, 1e-4) if job.ladder else 0.0)
-        return Accuracy(OF, image.method, expected, seconds=image.seconds, model=job.model)
+        return Accuracy(OF, UNIT, image.method, expected, seconds=image.seconds, model=job.model)
     measured, by = None, ""
     if job.ladder and job.rays(settled.sampling) <= max(CHEAP, CHEAPER * image.rays):
         measured, _ = job.error(settled.sampling, job.patches(1, True))
         by = "other patches again, with finer samples and another seed"
-    return Accuracy(OF, settled.method, settled.expected_error, measured, by, accuracy, image.seconds, job.model)
+    return Accuracy(OF, UNIT, settled.method, settled.expected_error, measured, by, accuracy, image.seconds, job.model)
 
 
 def left_out(chosen: Plan) -> float:

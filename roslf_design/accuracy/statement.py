@@ -40,7 +40,9 @@ class Accuracy:
     """Accuracy of a result."""
 
     of: str
-    """Subject of the errors, and their unit."""
+    """Subject of the errors."""
+    unit: str
+    """Unit of the errors in words; one that begins with % has them in hundredths."""
     method: str
     """Method by which it was computed, with its effort."""
     expected_error: float
@@ -57,6 +59,8 @@ class Accuracy:
     """Model error that no effort gets past, in words; empty where none is known."""
     scatter: float = 0.0
     """Relative standard error of the measured error itself."""
+    known: str = ""
+    """What is known to what, in words; empty: the subject to the expected error."""
 
     @property
     def kept(self) -> bool | None:
@@ -69,7 +73,7 @@ class Accuracy:
     def to_dict(self, times: bool = False) -> dict[str, Any]:
         """JSON-ready; `times` adds what differs from run to run, which files that repeat themselves leave out."""
         statement: dict[str, Any] = {
-            "of": self.of,
+            "of": f"{self.of} ({'0.01: 1 ' if self.unit.startswith('%') else 'in '}{self.unit})",
             "asked": self.asked,
             "method": self.method,
             "expected_error": self.expected_error,
@@ -81,15 +85,20 @@ class Accuracy:
         return statement | ({"seconds": self.seconds} if times else {})
 
     def sentence(self, times: bool = True) -> str:
-        """Sentence for a terminal or a page."""
-        words = f"{self.of}: expected within {self.expected_error:.2g}"
+        """Sentences for a terminal or a page: first what is known to what, then how that is known."""
+        words = self.known or f"{self.of} known to ±{self._amount(self.expected_error)}"
+        words = f"{words[:1].upper()}{words[1:]}"
         if self.asked is not None:
-            words += f" (asked for {self.asked:g})"
+            words += f" (asked for {self._amount(self.asked)}{'' if self.kept else ': not met'})"
         if self.measured_error is not None:
-            words += f", measured {self.measured_error:.2g} ({self.measured_by})"
-        words += f"; {self.method}"
+            words += f". Measured: ±{self._amount(self.measured_error)} ({self.measured_by})"
+        words += f". Method: {self.method}"
         if self.model:
             words += f"; {self.model}"
         if times and self.seconds is not None:
             words += f"; {self.seconds:{'.0f' if self.seconds >= 10 else '.2g'}} s"
-        return words + ("" if self.kept in (None, True) else ". Not met: see the expected and the measured error")
+        return words
+
+    def _amount(self, error: float) -> str:
+        """An error with its unit."""
+        return f"{(100 if self.unit.startswith('%') else 1) * error:.2g} {self.unit}"

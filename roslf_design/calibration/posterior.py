@@ -255,16 +255,17 @@ def posterior_accuracy(draws: CameraDraws, asked: float | None = None) -> Accura
     Errors are in standard deviations of the posterior itself: a mean of n independent draws has one of 1/sqrt(n).
     Draws that are no posterior's are taken for Laplace's approximation.
     """
-    of = "means and intervals, in standard deviations of the posterior"
+    of, unit = "means and ends of intervals", "standard deviations of the posterior"
     count = len(draws.parameters)
     if not isinstance(draws, Posterior):
         model, error = "the posterior is taken as normal", SIGMAS / math.sqrt(count)
-        return Accuracy(of, f"{count} draws of Laplace's approximation", error, asked=asked, model=model)
+        return Accuracy(of, unit, f"{count} draws of Laplace's approximation", error, asked=asked, model=model)
     p = draws
     least = min(*p.bulk_ess.values(), *p.tail_ess.values())
     thinned = 0.0 if count >= p.walkers * p.steps else 1 / count
     return Accuracy(
         of,
+        unit,
         f"{p.walkers} walkers in {ENSEMBLES} ensembles, {p.steps} steps: effective sample size {least:.0f}",
         SIGMAS * math.sqrt(1 / least + thinned),
         SIGMAS * p.between,

@@ -162,8 +162,7 @@ def render(
         height, width = image.pixels.shape
         traced = f", {image.rays / 1e6:.3g} million rays" if image.rays else ""
         print(f"\n{width} x {height} pixels by {image.method} in {image.seconds:.2f} s{traced}")
-        words = statement.sentence()
-        say(words[0].upper() + words[1:], *written)
+        say(statement.sentence(), *written)
 
 
 def _number(option: str, text: str) -> float:

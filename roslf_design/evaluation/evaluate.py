@@ -370,7 +370,7 @@ def evaluation_accuracy(
     """
     if design.has_exact_areas:
         method = f"closed forms and exact {'disc ' if design.sees_discs else ''}areas"
-        return Accuracy("every number, relative", method, ROUNDING, asked=asked, seconds=seconds)
+        return Accuracy("every number", "of its value", method, ROUNDING, asked=asked, seconds=seconds)
     rays = rays_for(asked)
     measured, by = None, ""
     if asked is not None:
@@ -380,5 +380,6 @@ def evaluation_accuracy(
         measured = max((abs(a.kept_fraction - b.kept_fraction) for a, b in pairs), default=0.0)
         by = "half the rays"
     of = "shares of light over the field (all other numbers to rounding)"
+    unit = "% of the light"
     method = f"parts are tilted: {rays} rays counted for each microlens"
-    return Accuracy(of, method, COUNTED_ERROR if asked is None else asked, measured, by, asked, seconds)
+    return Accuracy(of, unit, method, COUNTED_ERROR if asked is None else asked, measured, by, asked, seconds)

@@ -725,7 +725,8 @@ def optimum_accuracy(answer: Answer, seconds: float | None = None) -> Accuracy |
     asked, checks = answer.settings.accuracy, ", ".join(check.solver for check in answer.checks)
     method = f"SLSQP from {len(answer.searches)} starts to {answer.settings.tolerance:g}, the best polished"
     return Accuracy(
-        "merit of the optimum (0.01: 1 % of a goal)",
+        "merit of the optimum",
+        "% of a goal",
         method + (f"; checked by a second search ({checks})" if checks else ""),
         AGREE if asked is None else asked,
         answer.gained,

@@ -649,7 +649,8 @@ def precision(
         measured = SIGMAS * max(yields.measured or 0.0, ranks.measured or 0.0)
     sampled = "Sobol points" if plan.draws.sampling == "sobol" else "random builds"
     accuracy = Accuracy(
-        "error by chance of the yield, and of the share of builds below each quantile (0.01: 1 % of the builds)",
+        "yield, and the share of builds below each quantile",
+        "% of the builds",
         f"{plan.trials:,} {sampled}; {shapes_text(plan)}",
         max(SIGMAS * ranks.expected, 0.5 * (high - low)),
         measured,
@@ -657,6 +658,8 @@ def precision(
         asked,
         seconds,
         scatter=1 / math.sqrt(2 * (PARTS - 1)),
+        known=f"yield known to ±{50 * (high - low):.2g} % of the builds (95 %), the share below each quantile to "
+        f"±{100 * SIGMAS * ranks.expected:.2g} %",
     )
     return _Precision(accuracy, yields, ranks)
 

@@ -123,7 +123,7 @@ def test_the_command_tells_it_and_writes_the_same_bytes(tmp_path, capsys, near_l
 def test_without_one_the_budgets_say_what_to_expect(tmp_path, capsys):
     place = tmp_path / "white.tif"
     assert main(["render", "paper", "--region", "0,0,40,40", "-o", str(place)]) == 0
-    assert "expected within" in capsys.readouterr().out
+    assert "99 of 100 pixels known to ±" in capsys.readouterr().out
     told = json.loads(place.with_suffix(".json").read_text())["accuracy"]
     assert told["asked"] is None
     assert 0 < told["expected_error"] < 1e-3

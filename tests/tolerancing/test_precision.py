@@ -99,7 +99,9 @@ def test_a_study_to_an_accuracy(tmp_path, capsys):
     assert told["accuracy"]["method"].startswith("2,601 random builds; ")
     assert "closed forms" in told["accuracy"]["method"]
     page = (tmp_path / "one" / "index.html").read_text()
-    assert "asked for 0.02" in page
+    assert "asked for 2 % of the builds" in page
+    low, high = told["yield"]["interval_95"]
+    assert f"<p>Yield known to ±{50 * (high - low):.2g} % of the builds (95 %)" in page
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "1e-20", "fine", "2"])
