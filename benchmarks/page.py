@@ -140,7 +140,7 @@ def comparison_line(row: Row) -> str:
     if not now.seconds or len(now.seconds) != len(then.seconds):
         return f"{row.title:72s} no ratio: " + "; ".join(f"{s.label}: {s.fault}" for s in row.sides if s.fault)
     ratio = then.ratio(now)
-    verdict = "as fast, as far as can be told"
+    verdict = "as fast, as far as can be seen"
     if ratio.runs >= 3 and not ratio.low <= 1 <= ratio.high:
         verdict = "faster" if ratio.high < 1 else "SLOWER"
     return f"{row.title:72s} {amount(now.each.median):>8s}, now/then {spread(ratio)} of {ratio.runs}  {verdict}"
@@ -191,9 +191,9 @@ def page(parts: Mapping[str, Sequence[Row]], machine: Mapping[str, Any]) -> str:
         f'<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>Benchmarks</title><style>{STYLE}</style>',
         f"<h1>Benchmarks</h1><p>{html.escape(heading(machine))} Load {machine['load']} before. Medians, with the range",
         "of all runs. Other programs run in turn with this one, one thread each, in processor time",
-        "(told over the wall's: above 1, more threads were at work), once their answers agree, or with what they",
-        "fall short in; ratios are of pairs of runs that followed each other. Where another is faster, or a bar is",
-        "missed, it says so.</p>",
+        "(beside each its ratio to the wall's: above 1, more threads were at work), once their answers agree, or with",
+        "what they fall short in; ratios are of pairs of runs that followed each other. Where another is faster, or a",
+        "bar is missed, it says so.</p>",
     ]
     for key, rows in parts.items():
         text.append(f"<h2>{SECTIONS[key]}</h2>")

@@ -121,7 +121,7 @@ class Row:
     name: str
     title: str
     unit: str = ""
-    """What is counted a second ("rays"); empty: the time itself is told."""
+    """What is counted a second ("rays"); empty: the time itself is reported."""
     sides: tuple[Side, ...] = ()
     note: str = ""
     bar: float | None = None

@@ -53,7 +53,7 @@ class MainLensKind:
     open_conjugates: ClassVar[tuple[Conjugate, ...]] = ("f", "d_1", "d_f")
     """Which of f, d_1 and d_f can follow from the others."""
     kept_conjugates: ClassVar[tuple[Conjugate, ...]] = open_conjugates
-    """Which of them a change of something else can be told to leave as they are."""
+    """Which of them a change of something else can leave as they are."""
     follows: ClassVar[frozenset[str]] = frozenset()
     """Places whose numbers follow from what it is made of."""
     parts: ClassVar[tuple[str, ...]] = ()

@@ -81,7 +81,7 @@ class Flatness(NamedTuple):
     rms: float
     """RMS in the unit of depths."""
     inside_68: float
-    """Share within the standard errors for noise told with each: 0.68 of a plane."""
+    """Share within the standard errors for noise reported with each: 0.68 of a plane."""
 
 
 @dataclass(frozen=True, eq=False)

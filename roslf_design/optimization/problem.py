@@ -113,7 +113,7 @@ class DesignProblem:
     scales: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     """Units of the differences of constraints and of goals; None: their spread over the box."""
     told_at: tuple[tuple[tuple[float, ...], Mapping[object, float]], ...] = ()
-    """Points where rays told the whole camera's numbers, and logarithms of those over what is posed, where they differ:
+    """Points where rays gave the whole camera's numbers, and logarithms of those over what is posed, where they differ:
     elsewhere they follow the cubic spline through the points."""
 
     @cached_property

@@ -154,7 +154,7 @@ FITS = (
     ),
     HardCase(
         "calibration from near depths", "columns 1 and 1/Z_F become collinear",
-        "1/Z_F - 1/Z_0, its own condition told", near_depths, "step_two",
+        "1/Z_F - 1/Z_0, its own condition stated", near_depths, "step_two",
         {"step_two": Budget(8, "two sums and a quotient, then m from three of them")},
         "spread of depths over their mean",
     ),

@@ -35,8 +35,8 @@ PROMISES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-9)
 """Accuracies that the table of choices goes through."""
 
 ADVICE = (
-    "Kept fraction, centroid, area of a straight camera: the closed form, always. It costs tens of microseconds and is "
-    "right to the last digits; no sampling is quicker at any accuracy that is of use.",
+    "Unvignetted fraction, centroid, area of a straight camera: the closed form, always. It costs tens of microseconds "
+    "and is right to the last digits; no sampling is quicker at any accuracy that is of use.",
     "Pixels of a white scene by rays: the exact arc-pixel area, always: some 50 microseconds for the pixels of one "
     "microlens. Gauss panels are the way where pixels weigh something that is not constant. Sampling n x n points in "
     "each pixel takes an n of 100 for three digits.",

@@ -303,7 +303,7 @@ class Compared:
         if "error" in self.answer:
             yield f"not read: {self.answer['error']}"
             return
-        told, row = self.answer["told"], self.case.row
+        told, row = self.answer["stated"], self.case.row
         if told["surfaces"] != len(row):
             yield f"{told['surfaces']} surfaces of {len(row)}"
             return
@@ -537,7 +537,7 @@ STEPS = (
     "File > Open: one of the .zmx files of the folder files/ beside this page (its hash is in the table). Compare "
     "surface, thickness and radius in the Lens Data Editor with the text of the file; the surface named FAP must be "
     "the stop (of a lens the first). On the surface microlens set Aperture to None: rays off the axis pass beside "
-    "the one microlens of the file, and would be told as vignetted.",
+    "the one microlens of the file, and would be reported as vignetted.",
     "System Explorer > Aperture: Float By Stop Size (a camera), Entrance Pupil Diameter (a lens). System Explorer > "
     "Ray Aiming: Real for cameras, Off for lenses. System Explorer > Wavelengths: one, as on the table's title.",
     "Glass: in the Lens Data Editor set the Material of every surface that is not air to a Model solve with the "

@@ -194,7 +194,7 @@ def worked(program, case):
     try:
         made = program(Path(case["file"]), case["before"])
         wave = case["wavelength_um"]
-        answer = {"told": made.told(), "indices": made.indices(wave), "as_read": made.traced(case["rays"], wave)}
+        answer = {"stated": made.told(), "indices": made.indices(wave), "as_read": made.traced(case["rays"], wave)}
         made.with_indices(case["indices"])
         return answer | {"our_indices": made.traced(case["rays"], wave)}
     except Exception as error:  # noqa: BLE001 - whatever it dies of is told on the page

@@ -251,7 +251,7 @@ def judged(trial: Trial) -> dict[str, Any]:
         "spread": spread,
         "over_predicted": float(np.sqrt((off.var(0, ddof=1) / own**2).mean())),
         "predicted": float(np.sqrt((own**2).mean())),
-        "told": float(np.sqrt((sigma**2).mean())),
+        "reported": float(np.sqrt((sigma**2).mean())),
         # Of the variance told, over that predicted, from one window to the next.
         "uneven": float(told.std() / told.mean()),
         "bias": float(off.mean()),
@@ -285,7 +285,7 @@ class Verdict(NamedTuple):
     worst: str
     """Scene and light that are farthest off."""
     unable: int
-    """Scenes and lights in which too little is to be told."""
+    """Scenes and lights in which too little is to be known."""
 
     def missed(self, chance: float = 0.0) -> list[str]:
         """Bars that are missed by more than so many standard errors."""
@@ -546,8 +546,8 @@ def _notes(results: Mapping[str, Any]) -> Iterator[str]:
     )
     yield (
         f"Beside an edge: chief rays of neighbours meet surfaces more than {EDGE:g} pitches apart within the window "
-        f"and {REACH} microlens beyond. These microlenses count nowhere. Cut (less than {WHOLE:.0%} of the image kept) "
-        "ones count in all but what is known."
+        f"and {REACH} microlens beyond. These microlenses count nowhere. Cut (less than {WHOLE:.0%} of the image "
+        "unvignetted) ones count in all but what is known."
     )
 
 

@@ -98,18 +98,18 @@ class Measured:
     """Mean error [mm]."""
     spread: Floats
     """Rms over the exposures about each microlens's mean [mm]."""
-    told: Floats
+    reported: Floats
     """Rms of the standard errors reported with the depths, each from its own window [mm]."""
     predicted: Floats
     """Standard error for light, noise and texture, at the focal plane [mm]; inf where nothing tells depth."""
     kept: Floats
-    """Kept fraction of microlens images."""
+    """Unvignetted fraction of microlens images."""
     known: Floats
     """Share of the microlenses with a depth."""
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON."""
-        rows = {name: getattr(self, name) for name in ("x", "bias", "spread", "told", "predicted", "kept", "known")}
+        rows = {name: getattr(self, name) for name in ("x", "bias", "spread", "reported", "predicted", "kept", "known")}
         return plain({"summary": self.trial.summary(), "unknown": self.trial.unknown(), "along_x": rows})  # type: ignore[no-any-return]
 
 
@@ -179,7 +179,7 @@ def along(results: dict[str, Measured]) -> Picture:
 
 
 def lost(one: Measured) -> Picture:
-    """Draw spread and prediction over the kept fraction of microlens images."""
+    """Draw spread and prediction over the unvignetted fraction of microlens images."""
     both = (one.kept > 0) & np.isfinite(one.spread)
     order = np.argsort(one.kept)
     finite = np.isfinite(one.predicted[order]) & (one.kept[order] > 0)
@@ -187,7 +187,7 @@ def lost(one: Measured) -> Picture:
     up = Scale(float(values.min()) / 1.3, float(values.max()) * 1.3, log=True)
     marks = (
         Line(one.kept[order][finite], one.predicted[order][finite], "vermillion", 1.8, "7 4"),
-        Dots(one.kept[both], one.told[both], "green", "s", 3),
+        Dots(one.kept[both], one.reported[both], "green", "s", 3),
         Dots(one.kept[both], one.spread[both], "blue", size=4),
     )
     keys = [
@@ -196,7 +196,9 @@ def lost(one: Measured) -> Picture:
     ]  # fmt: skip
     labels = "unvignetted fraction of the microlens image", "standard error of depth [mm]"
     panel = Panel((0, 0, 1, 1), Scale(0.0, 1.04), up, marks, *labels)
-    return one_panel("lost", "Standard error of depth over the kept fraction", (540.0, 320.0), panel, keys, left=70)
+    return one_panel(
+        "lost", "Standard error of depth over the unvignetted fraction", (540.0, 320.0), panel, keys, left=70
+    )
 
 
 def statements(results: dict[str, dict[str, Measured]]) -> Iterator[Statement]:

@@ -163,7 +163,7 @@ class Unlike(NamedTuple):
     """Times as believed, as `roslf depth` says."""
     error: float
     """Within which 68 % of the depths lie of the wall's distance [mm]."""
-    told: float
+    reported: float
     """Standard error reported with them, median [mm]."""
     inside: float
     """Share of depths within their own."""
@@ -204,21 +204,21 @@ def unlike_believed() -> Iterator[Unlike]:
 # --- the page ---------------------------------------------------------------------------------------------------------
 
 
-def told_and_found(sets: list[Repeated], bins: int = 12) -> Picture:
+def reported_and_found(sets: list[Repeated], bins: int = 12) -> Picture:
     """Draw by how much two sets of views differ, over the errors reported, in bins of equally many pixels."""
     looks = (("blue", "o"), ("sky", "s"), ("vermillion", "o"), ("orange", "s"), ("green", "o"), ("grey", "s"))
     marks: list[Mark] = []
     ends = []
     for one, (colour, shape) in zip(sets, looks, strict=True):
-        order = np.array_split(np.argsort(one.told), bins)
-        told = np.array([np.median(one.told[part]) for part in order])
+        order = np.array_split(np.argsort(one.reported), bins)
+        reported = np.array([np.median(one.reported[part]) for part in order])
         found = np.array([quantile(one.difference[part]) for part in order])
-        marks.append(Dots(told, found, colour, shape, 4))
-        ends += [told, found]
+        marks.append(Dots(reported, found, colour, shape, 4))
+        ends += [reported, found]
     scale = Scale(float(np.min(ends)) / 1.3, float(np.max(ends)) * 1.3, log=True)
     line = Line([scale.low, scale.high], [scale.low, scale.high], "ink", 1.2)
     keys = [dot_key(one.words, *look) for one, look in zip(sets, looks, strict=True)]
-    keys.append(line_key("as told", "ink", 1.2))
+    keys.append(line_key("as reported", "ink", 1.2))
     labels = "standard error reported [pitches over the pupil]", "error of one set [pitches]"
     panel = Panel((0, 0, 1, 1), scale, scale, (line, *marks), *labels)
     return one_panel(
@@ -269,15 +269,25 @@ def repeated_table(sets: list[Repeated]) -> Table:
     for one in sets:
         data = one.to_dict()
         cells.append((
-            one.words, f"{one.views}", _percent(one.known), *(f"{data[key]:.3f}" for key in ("told", "error")),
+            one.words, f"{one.views}", _percent(one.known), *(f"{data[key]:.3f}" for key in ("reported", "error")),
             *(f"{data[key]:.2f}" for key in ("ratio", "rms_ratio")), _percent(float(data["inside"])),
             _percent(float(data["beyond_5"])),
         ))  # fmt: skip
-    heads = ("sets", "views each", "known to both", "told", "found", "found over told", "rms", "within", "beyond 5")
+    heads = (
+        "sets",
+        "views each",
+        "known to both",
+        "reported",
+        "found",
+        "found over reported",
+        "rms",
+        "within",
+        "beyond 5",
+    )
     note = (
-        "Errors of one set, in pitches over the whole pupil: told, median; found, 68 % of the differences over "
-        "sqrt(2). Found over told likewise, and by rms, where outliers count. 68 % are within where errors are right, "
-        "none beyond five."
+        "Errors of one set, in pitches over the whole pupil: reported, median; found, 68 % of the differences over "
+        "sqrt(2). Found over reported likewise, and by rms, where outliers count. 68 % are within where errors are "
+        "right, none beyond five."
     )
     return Table(tuple(cells), "lrrrrrrrr", heads, "Disparities of disjoint sets of views of one light field", note)
 
@@ -286,12 +296,12 @@ def noise_table(all_noise: list[Unlike]) -> Table:
     """Captures read with other noise than they have."""
     cells = tuple(
         (
-            f"{one.times:g}", _percent(one.known, 3), f"{one.found:.2f}", f"{one.error:.3f}", f"{one.told:.3f}",
+            f"{one.times:g}", _percent(one.known, 3), f"{one.found:.2f}", f"{one.error:.3f}", f"{one.reported:.3f}",
             _percent(one.inside),
         )
         for one in all_noise
     )  # fmt: skip
-    heads = ("noise, times as believed", "known", "said to be", "error [mm]", "told [mm]", "within")
+    heads = ("noise, times as believed", "known", "said to be", "error [mm]", "reported [mm]", "within")
     note = f"One exposure of a wall at {WALL:g} mm before the paper's bench, {EDGE} microlenses at each side left out."
     return Table(cells, "rrrrrr", heads, "A capture whose noise is not as believed", note)
 
@@ -316,7 +326,7 @@ def statements(real: Real | None, all_noise: list[Unlike]) -> Iterator[Statement
         ratios_of = [float(one.to_dict()["rms_ratio"]) for one in real.sets]
         yield Statement(
             "good" if max(ratios_of) <= 1.3 else "caution",
-            f"Do real depths repeat as told? Disjoint sets of views differ by {min(ratios_of):.2f} to "
+            f"Do real depths repeat as reported? Disjoint sets of views differ by {min(ratios_of):.2f} to "
             f"{max(ratios_of):.2f} times the errors reported, rms.",
         )
     least = min(one.known for one in all_noise)
@@ -351,7 +361,7 @@ def report(real: Real | None, all_noise: list[Unlike]) -> Report:
             "repeats", "Errors found over errors reported",
             "Each dot is a twelfth of the pixels. Below the line errors are reported too large. Sets of every other "
             "view share what was interpolated between them, and differ by less than they err.",
-            told_and_found(real.sets),
+            reported_and_found(real.sets),
         )  # fmt: skip
         sections += [
             Section("What views of real cameras differ by", tuple(mismatch_tables(real)), "mismatch"),

@@ -106,17 +106,17 @@ class Repeated:
     known: float
     difference: Floats
     """Over sqrt(2) [pitches over the pupil]: error of one set, where those of both have nothing in common."""
-    told: Floats
+    reported: Floats
     """Standard errors that `roslf depth` tells, rms of both sets."""
     share: float
     """Rms mismatch that it finds, against brightness."""
 
     def to_dict(self) -> dict[str, float | str]:
         """Row of the table."""
-        score = self.difference / self.told
+        score = self.difference / self.reported
         return {
             "views": self.views, "words": self.words, "known": self.known, "share": self.share,
-            "told": float(np.median(self.told)), "error": quantile(self.difference), "ratio": quantile(score),
+            "reported": float(np.median(self.reported)), "error": quantile(self.difference), "ratio": quantile(score),
             "rms_ratio": float(np.sqrt(np.mean(score**2))), "inside": float(np.mean(np.abs(score) < 1)),
             "beyond_5": float(np.mean(np.abs(score) > 5)),
         }  # fmt: skip

@@ -77,8 +77,8 @@ def test_a_program_that_is_not_there_or_errs_is_told(cases, monkeypatch):
     moved = [[[x + 1e-6 * k, y] for k, (x, y) in enumerate(ray)] for ray in points]
     lost = [ray[:2] for ray in second.refereed]
     answers = study.Answers(study.PROGRAMS[1], (
-        {"told": told, "indices": first.indices, "our_indices": points, "as_read": moved},
-        {"told": told | {"surfaces": 4}, "indices": second.indices, "our_indices": lost, "as_read": lost},
+        {"stated": told, "indices": first.indices, "our_indices": points, "as_read": moved},
+        {"stated": told | {"surfaces": 4}, "indices": second.indices, "our_indices": lost, "as_read": lost},
         *({"error": "KeyError: x"} for _ in cases[2:]),
     ), "1.2.3")  # fmt: skip
     all_of = study.Comparison.of(cases, [missing, answers])

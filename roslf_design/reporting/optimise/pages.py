@@ -338,7 +338,7 @@ def _about_conflict(answer: Answer) -> Statement:
         for r in conflict.relaxations
         if r.needed is not None
     ]
-    lead = f"{'This alone' if len(ways) == 1 else 'Any one of these'}, all others kept, would do"
+    lead = f"{'This alone' if len(ways) == 1 else 'Any one of these'}, all others unchanged, would do"
     remedy = f"{lead}: {'; '.join(ways)}." if ways else ""
     if conflict.bounds:
         remedy += f" The least-violating point touches the bounds {', '.join(conflict.bounds)}."
@@ -483,7 +483,7 @@ def _tables(result: Result) -> Iterator[Table]:
             ("asked", "r", lambda way: f"{way.limit:.6g}"),
             ("at the least-violating point", "r", lambda way: missed.get(way.label, "")),
             (
-                "all others kept, feasible from",
+                "all others unchanged, feasible from",
                 "r",
                 lambda way: way.feasible_from or "does not help alone",
             ),

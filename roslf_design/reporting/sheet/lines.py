@@ -92,7 +92,7 @@ NO_DISTORTION = 0.01
 """Distortion below which no cause is named [%]."""
 BY_DEFINITION = "ideal lens: by definition"
 """Remark on a number that says nothing of the lens that is bought."""
-UNLIT = "the corner is {}; this is the farthest field told of that is not"
+UNLIT = "the corner is {}; this is the farthest field on this sheet that is not"
 """Remark on a number that is not of the corner."""
 PARTS, REQUIRED, HEAD = "parts", "Required", "This sheet"
 HALF_PAGE = 520.0
