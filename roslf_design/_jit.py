@@ -34,6 +34,7 @@ CALL, LOAD, IMPORT, COMPILE = 4e-5, 0.15, 0.4, 6.0
 where it lies on disk and numba is imported already or not, and where it is yet to be compiled."""
 _interpreted = [0.0]
 _unshelved = [0.0]
+_making = [0]
 PATIENCE = ContextVar("PATIENCE", default=COMPILE)
 """`COMPILE`, or less within `compiling`."""
 _AHEAD = ContextVar("_AHEAD", default=0.0)
@@ -175,6 +176,11 @@ def cold_seconds() -> float:
     return _unshelved[0]
 
 
+def is_compiling() -> bool:
+    """Whether machine code is being made at the moment that is not on disk."""
+    return _making[0] > 0
+
+
 @cache
 def _numba() -> Any:
     """Numba, without the BLAS that it looks for: scipy.linalg, more than half of what the first kernel waits for.
@@ -276,10 +282,13 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
         plain = tuple(_writable(unliteral(kind)) for kind in types)
         with _COMPILING, alone(), _wide_vectors(), _uncollected():
             shelved, began, before = kernel.shelved, time.perf_counter(), _unshelved[0]
+            _making[0] += not shelved
             try:
                 code = compile_now(plain)
             except OSError:  # the folder is full: compiled, not kept
                 code = compile_now(plain)
+            finally:
+                _making[0] -= not shelved
             if not shelved:
                 _unshelved[0] = before + time.perf_counter() - began  # its callees' time is in it
             if plain != tuple(types):

@@ -20,6 +20,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from .._jit import is_compiling
 from ..design.files import in_the_way, write_atomically
 from ..drawing.typeset import PNG_MARK
 from ..errors import OTHER_PLACE, Argument, InputError, Problem, printable, refusal
@@ -45,6 +46,8 @@ PATIENCE = 2.0
 """Seconds before a bar appears: shorter work needs none."""
 LOGGED = 30.0
 """Seconds between lines of progress in a log."""
+COMPILING = "compiling, once on this machine"
+"""Words where loops are compiled: nothing is counted then, and the next run does without."""
 PAGE = "index.html"
 """Name of the page in a folder of results."""
 MARKS = {
@@ -65,6 +68,7 @@ class _Log:
     def __init__(self) -> None:
         self._last = self._began = time.monotonic()
         self._first, self._step, self._over = 0.0, "", threading.Event()
+        self._done, self._total = 0.0, 0.0
 
     def __enter__(self) -> _Log:
         if math.isfinite(LOGGED):
@@ -79,22 +83,27 @@ class _Log:
             now = time.monotonic()
             if self._step and now - self._last >= 2 * LOGGED:
                 self._last = now
-                say(f"{self._step} ... {about_time(now - self._began)} so far", error=True)
+                say(f"{self._step}{self._how_far(now)}", error=True)
+
+    def _how_far(self, now: float) -> str:
+        """Share and time left of the step, by what it last told, if only that it goes on."""
+        if is_compiling():
+            return f" ... {COMPILING}; {about_time(now - self._began)} so far"
+        if not self._first < self._done < self._total:
+            return f" ... {about_time(now - self._began)} so far"
+        seconds = (now - self._began) * (self._total - self._done) / (self._done - self._first)
+        return f": {self._done / self._total:.0%}, about {about_time(seconds)} left"
 
     def tell(self, step: str, done: float = 0.0, total: float = 0.0) -> None:
         """Say it where the last line is long ago."""
         now = time.monotonic()
         if step != self._step:
             self._began, self._first = now, done
-        self._step = step
+        self._step, self._done, self._total = step, done, total
         if now - self._last < LOGGED or (total and not self._first < done < total):
             return
         self._last = now
-        left = " ..."
-        if total:
-            seconds = (now - self._began) * (total - done) / (done - self._first)
-            left = f": {done / total:.0%}, about {about_time(seconds)} left"
-        say(f"{step}{left}", error=True)
+        say(f"{step}{self._how_far(now) if total else ' ...'}", error=True)
 
 
 class StatusLine(ExitStack):
@@ -137,7 +146,7 @@ def tell_cost(seconds: float, why: str, is_compiled: bool = True) -> None:
 
 @contextmanager
 def bar(name: str, total: float = 1.0, at_once: bool = False) -> Iterator[Callable[[float], None]]:
-    """A bar, in a log lines, with the time that is left, told how much of `total` is done; counted where that is > 1.
+    """A bar, in a log lines, with the time that is left, given how much of `total` is done; counted where that is > 1.
 
     Yields
     ------
@@ -149,23 +158,35 @@ def bar(name: str, total: float = 1.0, at_once: bool = False) -> Iterator[Callab
             yield lambda done: log.tell(name, done, total)
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, Task, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.text import Text
 
-    started = time.monotonic()
+    class Left(TimeRemainingColumn):
+        """Time that is left, or that it waits for loops to be compiled."""
+
+        max_refresh = None
+
+        def render(self, task: Task) -> Text:
+            return Text(COMPILING) if is_compiling() else super().render(task)
+
     counted = TextColumn("{task.completed:.0f} of {task.total:.0f}") if total > 1 else TaskProgressColumn()
     console = Console(stderr=True)
     named = TextColumn("{task.description}", markup=False)
-    shown = Progress(named, BarColumn(), counted, TimeRemainingColumn(), console=console, transient=True)
+    shown = Progress(named, BarColumn(), counted, Left(), console=console, transient=True)
     task = shown.add_task(printable(name), total=total)
-
-    def tell(done: float) -> None:
-        shown.update(task, completed=done)
-        if not shown.live.is_started and (at_once or time.monotonic() - started > PATIENCE):
-            shown.start()
-
+    # Also before anything is told: what is compiled first tells nothing.
+    patience = threading.Timer(PATIENCE, shown.start)
+    patience.daemon = True
+    if at_once or PATIENCE <= 0:
+        shown.start()
+    else:
+        patience.start()
     try:
-        yield tell
+        yield lambda done: shown.update(task, completed=done)
     finally:
+        patience.cancel()
+        if patience.ident is not None:
+            patience.join()
         shown.stop()
 
 
@@ -349,7 +370,7 @@ def check_options(
     Raises
     ------
     InputError
-        A seed out of range, a place where no page can be written, what else is wrong: all told.
+        A seed out of range, a place where no page can be written, what else is wrong: all reported.
     """
     faults = list(others)
     if seed is not None:

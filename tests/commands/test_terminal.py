@@ -144,6 +144,35 @@ def test_a_log_says_that_a_step_goes_on_which_tells_nothing_itself(monkeypatch):
 
 
 @pytest.mark.parametrize(
+    ("compiling", "says"),
+    [(False, r"depth: 25%, about .* left\n"), (True, r"depth \.\.\. compiling, once on this machine; .* so far\n")],
+)
+def test_a_log_says_what_is_left_of_a_step_that_is_silent_for_long(monkeypatch, compiling, says):
+    shown = io.StringIO()
+    monkeypatch.setattr("roslf_design.commands.terminal.LOGGED", 0.02)
+    monkeypatch.setattr("roslf_design.commands.terminal.is_compiling", lambda: compiling)
+    monkeypatch.setattr(sys, "stderr", shown)
+    with bar("depth") as tell:
+        tell(0.0)
+        tell(0.25)
+        before, until = len(shown.getvalue()), time.monotonic() + 20
+        while len(shown.getvalue()) == before and time.monotonic() < until:
+            time.sleep(0.05)
+    assert re.fullmatch(says, shown.getvalue()[before:])
+
+
+def test_a_bar_that_nothing_is_told_yet_says_that_loops_are_compiled(monkeypatch):
+    shown = terminal(monkeypatch)
+    monkeypatch.setattr("roslf_design.commands.terminal.PATIENCE", 0.01)
+    monkeypatch.setattr("roslf_design.commands.terminal.is_compiling", lambda: True)
+    with bar("depth"):
+        until = time.monotonic() + 20
+        while "compiling" not in shown.getvalue() and time.monotonic() < until:
+            time.sleep(0.05)
+    assert "compiling, once on this machine" in shown.getvalue()
+
+
+@pytest.mark.parametrize(
     "command",
     [
         ["optimize", "studies/optimize-rigid-scope/study.toml"],
