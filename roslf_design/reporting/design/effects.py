@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...drawing.marks import Mark, Point, Text, bars
+from ...drawing.marks import Line, Mark, Point, Text, bars
 from ...drawing.panel import Panel, Scale, named_ticks, names_width, threshold
 from ...drawing.picture import Picture
 from ...drawing.theme import PLAIN, SMALL, short, text_width, wrapped
@@ -86,10 +86,19 @@ def effects_budget(effects: Sequence[PlannedEffect], size: Point = (560, 360)) -
         (value, text) for value, text in ticks
         if width * (1 - float(across.share(value))) + RIGHT > text_width(text, SMALL) / 2
     )  # fmt: skip
+    # Grid and budget stand beside bars alone: words of reasons are not crossed.
+    rows = starts[:-1] if shown else np.zeros(1)
+    ends = np.stack([rows, rows + (bar if shown else tall), np.full(rows.shape, np.nan)], axis=-1).ravel()
+
+    def beside_bars(x: float, colour: str, wide: float) -> Line:
+        return Line(np.full(ends.shape, x), ends, colour, wide)
+
+    grid = [beside_bars(value, "grid", 1.0) for value, _ in ticks]
+    budget = beside_bars(1.0, "orange", 2.0), threshold(1.0, tall, "budget")[1]
     # The ordinate counts pixels downwards.
     panel = Panel(
-        (left, TOP, width, tall), across, Scale(tall, 0.0), (*marks, *threshold(1.0, tall, "budget"), *words),
-        "estimate over budget [1]", grid="x", y_ticks=(), x_ticks=ticks,
+        (left, TOP, width, tall), across, Scale(tall, 0.0), (*grid, *marks, *budget, *words),
+        "estimate over budget [1]", grid="", y_ticks=(), x_ticks=ticks,
     )  # fmt: skip
     foot = TOP + tall + BELOW
     remarks += (Text(14, foot + LINE * (k + 0.7), line, "grey") for k, line in enumerate(idle) if why)
