@@ -60,7 +60,7 @@ class Accuracy:
     scatter: float = 0.0
     """Relative standard error of the measured error itself."""
     known: str = ""
-    """What is known to what, in words; empty: the subject to the expected error."""
+    """Statement of what is known to what, in words; empty: the subject to the expected error."""
 
     @property
     def kept(self) -> bool | None:
