@@ -92,7 +92,7 @@ def diagrams(
     output: OptionalOutput = None,
     json: Json = False,
 ) -> None:
-    """What each digit costs in time on a design, and which method is chosen.
+    """Cost in time of each digit on a design, and the method that is chosen.
 
     Example: roslf accuracy designs/paper.toml --accuracy 1e-4 -o reports/accuracy
 
