@@ -164,7 +164,7 @@ def bar(name: str, total: float = 1.0, at_once: bool = False) -> Iterator[Callab
     class Left(TimeRemainingColumn):
         """Time that is left, or that it waits for loops to be compiled."""
 
-        max_refresh = None
+        max_refresh = 0.0
 
         def render(self, task: Task) -> Text:
             return Text(COMPILING) if is_compiling() else super().render(task)

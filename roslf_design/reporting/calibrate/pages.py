@@ -246,9 +246,9 @@ def _statements(result: Outcome) -> Iterator[Statement]:
     if result.diffraction is not None:
         yield _diffraction(result, result.diffraction)
     parts = {source: result.shares["d_3"].get(source, 0.0) for source in SOURCES}
-    worst = max(parts, key=lambda source: parts[source])
-    _, source, advice = SOURCES[worst]
-    text = f"{100 * parts[worst]:.0f} % of d_3's variance comes from {source}."
+    largest = max(parts, key=lambda source: parts[source])
+    _, source, advice = SOURCES[largest]
+    text = f"{100 * parts[largest]:.0f} % of d_3's variance comes from {source}."
     yield Statement("plain", text, f"To do better, {advice}.")
     yield _pupil(result)
     yield _sensor(result)

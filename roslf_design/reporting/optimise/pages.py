@@ -293,8 +293,8 @@ def _infinite(answer: Answer) -> tuple[str, str]:
         noise_alone = goal.quantity.name.startswith("sigma_z")
         if noise_alone or goal.quantity.name.startswith("u_z"):
             for term in depth_budget(goal.warm(camera), goal.at).terms:
-                counted = term.u_mm is not None and (term.name == NOISE or not noise_alone)
-                if counted and np.any(np.isinf(term.u_mm)):
+                counted = term.name == NOISE or not noise_alone
+                if counted and term.u_mm is not None and np.any(np.isinf(term.u_mm)):
                     causes[clauses(term.name, term.remark, by=", ")] = OF_INFINITE.get(term.name, "")
     return " and ".join(causes), clauses(*dict.fromkeys(causes.values()), by=" ") or WIDER
 
