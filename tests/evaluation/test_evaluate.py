@@ -314,7 +314,7 @@ def test_depth_that_overlapping_images_cannot_tell_is_none_and_says_why(paper):
     result = roslf.evaluate(design)
     assert math.isinf(result.depth_budget.u_z_mm)
     assert math.isfinite(result.depth.sigma_z_mm)
-    assert "none      image overlap" in result.everything
+    assert re.search(r"none +image overlap", result.everything)
     term = next(term for term in result.to_dict()["depth"]["expected"]["terms"] if term["name"] == "image overlap")
     assert term["u_mm"] is None
     assert "beyond 1.5" in term["remark"]
@@ -606,7 +606,7 @@ def test_a_report_passes_it_on(tmp_path):
         assert maker(names, compare, None, 0.01)[1].keywords["accuracy"] == 0.01
     section = _accuracy_section(tilted, roslf.evaluate(tilted, accuracy=0.01), 0.01)
     assert f"{rays_for(0.01)} rays" in str(section)
-    assert "asked for 0.01" in str(section)
+    assert "asked for 1 % of the light" in str(section)
 
 
 @pytest.mark.parametrize("value", ["-1", "nan", "fine"])
