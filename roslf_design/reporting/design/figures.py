@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ...evaluation.groups import RealLens
     from ...evaluation.result import Evaluation
 
-FOLDED = 0.6
+FOLDED = 0.42
 """Width of the small folded drawing, in pages."""
 PLACES = ("centre", "edge", "corner")
 """The fields that a report looks at."""
