@@ -84,7 +84,7 @@ class WorstTrial:
     """How far, in units of what the limit allows: 1 is at the limit; infinite where something is undefined."""
     file: str
     """Its design file, of a build that cannot be put together with the numbers that it has; empty where these are a
-    real lens's own."""
+    real lens's own, and of a build that holds every limit."""
     misses: dict[str, float]
     """Deviations by their places [tolerances]."""
     values: dict[str, float]
@@ -546,12 +546,14 @@ def _warnings(
 
 
 def save_worst(plan: TolerancePlan, tally: Tally, folder: Path) -> tuple[WorstTrial, ...]:
-    """Write the worst trials as design files, adjustments included."""
+    """Write the worst trials as design files, adjustments included, but those that hold every limit."""
     rows = []
     for trial, score, moved in zip(tally.worst.tolist(), tally.scores.tolist(), tally.worst_moved, strict=True):
         chunk, within = divmod(trial, plan.chunk)
         build = plan.draws.deviations(plan.draws.uniforms(chunk, plan.chunk, within, within + 1)), moved[:, None]
         name, design = f"worst-trial-{trial}.toml", plan.question.design
+        measured = measure_finally(plan, build[0])
+        name = "" if plan.passes(measured).all() else name
         text = {"name": f"{design.name}, trial {trial} of {plan.name}", "source": f"seed {plan.draws.seed}"}
         faults: tuple[str, ...] = ()
         try:
@@ -565,8 +567,7 @@ def save_worst(plan: TolerancePlan, tally: Tally, folder: Path) -> tuple[WorstTr
         if name:
             save(design, folder / name, overwrite=True, digits=WRITTEN)
         misses = {p.place: float(miss) for p, miss in zip(plan.draws.perturbations, build[0][:, 0], strict=True)}
-        columns = measure_finally(plan, build[0])[:, 0].tolist()
-        values = dict(zip((column.label for column in plan.columns), columns, strict=True))
+        values = dict(zip((column.label for column in plan.columns), measured[:, 0].tolist(), strict=True))
         rows.append(WorstTrial(trial, score, name, misses, values, faults))
     return tuple(rows)
 

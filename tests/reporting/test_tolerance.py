@@ -329,10 +329,23 @@ def test_where_no_build_fails_none_is_said_to():
     assert any(text.startswith("Every build holds every limit; least margin is left to image fill") for text in texts)
     assert not any("weakest limit" in text for text in texts)
     labels = [limit.label for limit in result.final.limits]
-    for value, why in ((1.4, "holds every limit"), (1.6, f"{labels[0]} 1.6")):
+    for value, title, row in (
+        (1.4, "Builds nearest to a limit", ("3", "d_2 +1")),
+        (1.6, "Worst trials", ("3", "d_2 +1", f"{labels[0]} 1.6", "none")),
+    ):
         worst = WorstTrial(3, 0.9, "", {"sensor.distance": 1.0}, dict.fromkeys(labels, 1.0) | {labels[0]: value})
-        (table,) = (one for one in tables(replace(result, worst=(worst,))) if one.title == "Worst trials")
-        assert table.rows[0][2] == why
+        table = tables(replace(result, worst=(worst,)))[-1]
+        assert (table.title, *table.rows) == (title, row)
+
+
+def test_a_build_that_holds_every_limit_is_no_design_file_of_misses(tmp_path):
+    data = {"name": "a", "design": "paper", "trials": 64, "perturb": [{"place": "d_2", "tolerance": "30 um"}]}
+    for limit, fail in ((2.0, False), (1.00506, True)):
+        study, design, grades = read_study(data | {"goals": [{"metric": "fill_factor", "max": limit}]})
+        plan = make_plan(study, design, grades)
+        worst = save_worst(plan, tally_chunk(plan, 0), tmp_path)
+        assert {one.file for one in worst} - {""} == {path.name for path in tmp_path.iterdir()}
+        assert [bool(one.file) for one in worst] == [fail] * len(worst)
 
 
 def test_tolerances_over_a_tenth_of_their_lengths_are_told():
@@ -440,6 +453,11 @@ def test_the_remedy_is_true_of_what_was_tried(goal, misses, budgets, kind, said)
     assert said in statement.remedy
     assert statement.remedy in " ".join(summary(result).split())
     assert ("lies at its limits on image fill" in statement.remedy) == ("max" in goal and "min" not in goal)
+    missed = 100 * np.mean(tally_chunk(result.plan, 0).measured[:, -1, 0] > goal["max"])
+    assert (f"({missed:.2f} % miss it)" in statement.remedy) == ("min" not in goal)
+    assert ("tolerances, however tight, do" in statement.remedy) == (
+        "min" not in goal and result.scale_for_target is None
+    )
     if kind is None:
         assert result.budget is None or not result.budget.changes
         return

@@ -332,20 +332,22 @@ def mends(result: StudyResult) -> str:
 
 
 def _nominal_at_limits(result: StudyResult) -> str:
-    """Words on limits that the nominal design lies at, so that no tolerance holds them; empty where it lies at none."""
+    """Words on missed limits that the nominal design lies at, with the builds that miss them; empty where none is."""
     columns = {column.label: column for column in result.final.distributions}
-    at = [
-        limit.label
+    at = {
+        limit.label: 1 - limit.result.value
         for limit in result.final.limits
         for edge in (limit.low, limit.high)
         if abs(columns[limit.label].nominal - edge) < AT_LIMIT * columns[limit.label].deviation
-    ]
+        and limit.result.value < result.study.yield_target
+    }
     if not at:
         return ""
+    missed = words.listed([f"{label} ({100 * share:.2f} % {_of_those(result)}miss it)" for label, share in at.items()])
+    tight = "tolerances, however tight, do not bring the target; " * (result.scale_for_target is None)
     return (
-        f"The nominal design lies at its limits on {words.listed(list(dict.fromkeys(at)))}, as an optimum does: about "
-        "half of the builds miss each, however tight tolerances are. Adjust them at assembly, or give it margin: "
-        "narrower limits in `roslf optimize`, or its [robust]."
+        f"The nominal design lies at its limits on {missed}, as an optimum does: {tight}adjust builds at assembly, or "
+        "give it margin: narrower limits in `roslf optimize`, or its [robust]."
     )
 
 
@@ -665,8 +667,9 @@ def _adjustments(result: StudyResult) -> tuple[Change, ...]:
 
 
 def _worst(result: StudyResult) -> Table:
-    """The worst trials: their files, what misses most in them, and why they fail."""
+    """The worst trials: their files, what misses most in them, and why they fail; where none does, the nearest."""
     design, limits = result.plan.question.design, result.final.limits
+    quantities = {column.label: column.quantity for column in result.plan.columns}
 
     def collides(place: str, faults: str) -> bool:
         part = "FAP" if place.startswith("aperture.") else short_name(place, design).rpartition(" ")[0]
@@ -682,21 +685,28 @@ def _worst(result: StudyResult) -> Table:
         largest = sorted(parts, key=lambda place: -abs(trial.misses[place]))[:MOST_FAULTS]
         return ", ".join(f"{short_name(place, design)} {trial.misses[place]:+.2g}" for place in largest)
 
+    def missed(trial: WorstTrial) -> dict[str, float]:
+        values = {limit: trial.values[limit.label] for limit in limits}
+        return {l.label: v for l, v in values.items() if not quantities[l.label].within(l.low, l.high, v)}
+
     def why(trial: WorstTrial) -> str:
         if trial.faults:
             return f"no design: {'; '.join(trial.faults)}"
-        values = {limit.label: trial.values[limit.label] for limit in limits}
-        missed = {l.label: values[l.label] for l in limits if not l.low <= values[l.label] <= l.high}
-        listed = ", ".join(f"{label} {number(value)}" for label, value in [*missed.items()][:MOST_FAULTS])
-        return listed or "holds every limit"
+        return ", ".join(f"{label} {number(value)}" for label, value in [*missed(trial).items()][:MOST_FAULTS])
 
-    columns: tuple[Column, ...] = (
-        ("trial", "r", lambda trial: str(trial.number)),
+    trial: Column = ("trial", "r", lambda trial: str(trial.number))
+    failed = [trial for trial in result.worst if trial.faults or missed(trial)]
+    if not failed:
+        columns: tuple[Column, ...] = (trial, ("farthest off [tolerances]", "l", missing))
+        caption = "None misses a limit. Every number of each is in results.json."
+        return Table.of(result.worst, columns, "Builds nearest to a limit", caption)
+    columns = (
+        trial,
         ("misses most [tolerances]", "l", missing),
         ("why", "l", why),
         ("file", "l", lambda trial: trial.file or "none"),
     )
-    return Table.of(result.worst, columns, "Worst trials", "Every number of each is in results.json and its file.")
+    return Table.of(failed, columns, "Worst trials", "Every number of each is in results.json and its file.")
 
 
 def _change_words(result: StudyResult, change: Change) -> str:
