@@ -9,7 +9,7 @@ from ..design import dumps
 from ..design.files import WRITTEN
 from ..errors import InputError
 from ..optimization.search import QUICK
-from ..optimization.study import load_study, run
+from ..optimization.study import Result, load_study, run
 from ..reporting.optimise.pages import optimisation_pictures, optimization_report
 from ..reporting.printers import page_files
 from .results import print_titled
@@ -64,21 +64,26 @@ def optimize(
     check_study(output, posed.table.name, study)
     with status_and_bars("optimize") as tell:
         try:
-            result = run(posed, tell)
+            result = run(posed, tell, lambda found: write_files(output, _designs(found)))
         except InputError as error:
             raise error if error.origin else InputError(error.problems, str(study)) from None
     report = optimization_report(result, typed("optimize", study, output=output, seed=seed, accuracy=accuracy))
     files = {
         "results.json": f"{json_text(result.to_dict(timings=False) | {'file': seen_from(output, study)})}\n".encode(),
-        **{name: dumps(design, WRITTEN).encode() for name, design in result.designs()},
+        **_designs(result),
         **{f"{name}.png": picture.to_png() for name, picture in optimisation_pictures(result).items()},
         **page_files(report),
     }
     write_files(output, files)
-    code = 130 if result.ranking is not None and result.ranking.stopped else int(strict and not result.answer.feasible)
+    code = 130 if result.stopped else int(strict and not result.answer.feasible)
     if json:
         print(json_text(result.to_dict()))
         return code
     print_titled(report.title, report.sections[0].blocks)
     say(f"\n{result.seconds:.1f} s; written to {output}: {', '.join(listed(files))}")
     return code
+
+
+def _designs(result: Result) -> dict[str, bytes]:
+    """Design files of what was found."""
+    return {name: dumps(design, WRITTEN).encode() for name, design in result.designs()}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -57,6 +57,10 @@ DIVERGES = re.compile(r"elements\.\d+\.focal_length|main_lens\.surfaces\.\d+\.ra
 """Places that are below 0 of what diverges."""
 FIXED_POINTS = 32
 """Points of the bounds, beside some of their corners, at which a value that nothing varies is told from others."""
+
+ROBUST_STOPPED = (
+    "[robust] was stopped: how many builds hold every limit was not judged; what would have followed is left out"
+)
 
 
 class StudyTable(StrictTable):
@@ -340,6 +344,7 @@ class Result(BriefValue):
     part_retraces: tuple[Retrace, ...]
     """Retraces of the best combinations of parts, in their order."""
     seconds: float
+    robust_stopped: bool = False
 
     def __str__(self) -> str:
         answer = self.answer
@@ -391,7 +396,13 @@ class Result(BriefValue):
         asked = dict.fromkeys(part.field for part in (*self.answer.asked.goals, *self.answer.asked.constraints))
         found = [design for _, design in self.designs()][:1]
         unseen_fields = (unseen(design, field) for design in found for field in asked if field is not None)
-        return (*self.answer.notes, *filter(None, unseen_fields))
+        stopped = (ROBUST_STOPPED,) * self.robust_stopped
+        return (*self.answer.notes, *stopped, *filter(None, unseen_fields))
+
+    @property
+    def stopped(self) -> bool:
+        """Whether it was ended early, with what it had found."""
+        return self.robust_stopped or (self.ranking is not None and self.ranking.stopped)
 
     def to_dict(self, *, timings: bool = True) -> dict[str, Any]:
         """One JSON object, what is not finite null; without timings the same bytes every time."""
@@ -431,8 +442,8 @@ class Result(BriefValue):
         return finite
 
 
-def run(study: OptimizeStudy, tell: Tell = silent) -> Result:
-    """Run a study; `tell` is told what is being done.
+def run(study: OptimizeStudy, tell: Tell = silent, keep: Callable[[Result], None] = lambda found: None) -> Result:
+    """Run a study; `tell` is told what is being done, `keep` is given what was found before [robust] begins.
 
     Raises
     ------
@@ -442,6 +453,7 @@ def run(study: OptimizeStudy, tell: Tell = silent) -> Result:
     began = time.monotonic()
     table, settings, problem = study.table, study.settings, study.problem
     scatter = bore = front = robust = ranking = None
+    stopped = False
     if table.robust is not None:
         scatter = scatter_of(table.robust, problem.design, settings.seed)
     if table.catalogue is not None:
@@ -468,8 +480,12 @@ def run(study: OptimizeStudy, tell: Tell = silent) -> Result:
         goals = [next(goal for goal in problem.goals if goal.quantity.name == name) for name in table.pareto.goals]
         front = pareto_front(problem, goals, table.pareto.points, [answer.unit], settings.fresh(), settings.seed, tell)
     if answer.feasible and table.robust is not None and scatter is not None:
-        robust = maximise_robustness(problem, table.robust, scatter, answer.unit, settings.fresh(), tell)
-    if table.catalogue is not None:
+        keep(Result(study, answer, bore, front, None, None, None, (), time.monotonic() - began))
+        try:
+            robust = maximise_robustness(problem, table.robust, scatter, answer.unit, settings.fresh(), tell)
+        except KeyboardInterrupt:
+            stopped = True
+    if table.catalogue is not None and not stopped:
         ranking = rank(
             combinations(posed), table.catalogue.keep, settings.fresh(), settings.seed, tell, settings.starts
         )
@@ -484,7 +500,7 @@ def run(study: OptimizeStudy, tell: Tell = silent) -> Result:
         ]
         part_retraces = [trace for trace in again if trace is not None]
     seconds = time.monotonic() - began
-    return Result(study, answer, bore, front, robust, ranking, retrace, tuple(part_retraces), seconds)
+    return Result(study, answer, bore, front, robust, ranking, retrace, tuple(part_retraces), seconds, stopped)
 
 
 def _optimum(

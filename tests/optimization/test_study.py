@@ -45,6 +45,28 @@ def study(tmp_path, text, name="study.toml", design="given.toml"):
     return path
 
 
+def test_an_optimum_is_kept_where_robustness_is_stopped(capsys, tmp_path, monkeypatch):
+    robust = '[robust]\ntrials = 64\n[[robust.perturb]]\nplace = "d_2"\ntolerance = "5 um"\n'
+    text = GOOD + '[catalogue]\nkinds = ["sensors"]\nkeep = 3\n'
+    found, folder = {}, tmp_path / "stopped"
+    code, *_ = run(capsys, "optimize", study(tmp_path, GOOD), "-o", tmp_path / "whole")
+    assert code == 0
+
+    def interrupted(*_):
+        found["before"] = (folder / "best.toml").read_bytes()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("roslf_design.optimization.study.maximise_robustness", interrupted)
+    code, out, _ = run(capsys, "optimize", study(tmp_path, text + robust), "-o", folder)
+    assert code == 130
+    assert "[robust] was stopped: how many builds hold every limit was not judged" in " ".join(out.split())
+    whole = (tmp_path / "whole" / "best.toml").read_bytes()
+    assert found["before"] == (folder / "best.toml").read_bytes() == whole
+    data = json.loads((folder / "results.json").read_text())
+    assert (data["robust"], data["catalogue"], data["status"]) == (None, None, "optimal")
+    assert not (folder / "robust.toml").exists()
+
+
 def test_a_study_with_everything(capsys, tmp_path):
     traded = 'quantity = "blur_pitches"\nat = "300 mm"\ndirection = "min"'
     text = GOOD.replace('quantity = "views_independent"\ndirection = "max"', traded) + (
