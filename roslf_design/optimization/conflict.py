@@ -114,6 +114,8 @@ class Conflict:
     """Goals that are undefined where the limits hold."""
     by_views: bool = False
     """Whether pixels must be views, of microlenses that no focal length keeps focused on the pupil."""
+    unjudged: tuple[str, ...] = ()
+    """Labels of limits that were not looked at."""
 
     @property
     def smallest(self) -> tuple[str, ...]:

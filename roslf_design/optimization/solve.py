@@ -305,6 +305,9 @@ def _settled_by_rays(problem: DesignProblem, settings: Settings, budget: SearchB
             budget.heard(tell, "finding what stands in the way")
             conflict = explain(part, [start], budget, settings.seed)
             if not conflict.feasible_after_all:
+                judged = {limit.label for limit in part.constraints}
+                unjudged = (limit.label for limit in problem.constraints if limit.label not in judged)
+                conflict = replace(conflict, unjudged=tuple(dict.fromkeys(unjudged)))
                 return _unreached(problem, conflict, near, settings, budget)
             start = conflict.unit
             found = [start]

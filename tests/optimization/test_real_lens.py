@@ -1,6 +1,7 @@
 """Designs behind a real main lens: the optimum against differential evolution over designs traced one at a time."""
 
 import json
+from dataclasses import replace
 from itertools import chain, cycle, repeat
 
 import numpy as np
@@ -15,6 +16,7 @@ from roslf_design.optimization import Constraint, Goal, Settings, pareto_front, 
 from roslf_design.optimization.search import SearchBudget
 from roslf_design.optimization.solve import solve_by_rays
 from roslf_design.optimization.traces import FieldTraces
+from roslf_design.reporting.optimise.pages import _about_conflict
 from roslf_design.traced.camera import camera_of, microlenses
 from roslf_design.traced.images import real_images
 from tests.optimization.posing import posed
@@ -207,6 +209,13 @@ def test_no_field_is_traced_where_the_whole_camera_s_limits_cannot_be_held(monke
     assert [one.limit for one in answer.conflict.clashing] == ["field_half_width_mm >="]
     assert answer.conflict.clashing[0].value < 100
     assert "limits at single fields were not looked at" in answer.notes[0]
+    x, y = FIELDS[1]
+    assert answer.conflict.unjudged == (f"fill_factor at ({x:g}, {y:g}) mm", "u_z_mm")
+    said = _about_conflict(answer).remedy
+    assert (
+        f"would do for the limits that were judged (not judged: fill_factor at ({x:g}, {y:g}) mm and u_z_mm): " in said
+    )
+    assert "would do: " in _about_conflict(replace(answer, conflict=replace(answer.conflict, unjudged=()))).remedy
     assert "the clock of 1e-09 seconds ran out" in answer.notes[1]
     assert answer.evaluations > 0
     assert answer.seconds > 0

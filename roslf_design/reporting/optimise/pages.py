@@ -339,6 +339,8 @@ def _about_conflict(answer: Answer) -> Statement:
         if r.needed is not None
     ]
     lead = f"{'This alone' if len(ways) == 1 else 'Any one of these'}, all others unchanged, would do"
+    if conflict.unjudged:
+        lead += f" for the limits that were judged (not judged: {listed(conflict.unjudged)})"
     remedy = f"{lead}: {'; '.join(ways)}." if ways else ""
     if conflict.bounds:
         remedy += f" The least-violating point touches the bounds {', '.join(conflict.bounds)}."
@@ -490,7 +492,9 @@ def _tables(result: Result) -> Iterator[Table]:
             ("all others left out, at best", "r", lambda way: way.alone),
             ("unit", "l", lambda way: way.unit),
         )
-        yield Table.of(answer.conflict.relaxations, columns, "What stands in the way")
+        unjudged = answer.conflict.unjudged
+        told = f"Of the limits that were judged; not judged: {in_words(listed(unjudged))}." if unjudged else ""
+        yield Table.of(answer.conflict.relaxations, columns, "What stands in the way", told)
     if result.ranking is not None and result.ranking.best:
         yield replace(_parts(result.ranking), caption=caption)
     if result.ranking is not None and result.ranking.left_out:
