@@ -475,13 +475,29 @@ def _culprit(quantity: Quantity, camera: Camera, have: float, low: float | None)
     if quantity.name.startswith(("field_of_view", ROUND_ANGLE)) and low < FLAT:
         wider = math.tan(math.radians(low / 2)) / math.tan(math.radians(have / 2))
         side = "wide on its nearest side" if quantity.name == ROUND_ANGLE else "wide"
-        return (
-            f"about a sensor {on_side(wider, True, 3)} times as {side} sees that, or a main lens so many times shorter"
-        )
+        sensor = f"about a sensor {on_side(wider, True, 3)} times as {side} sees that"
+        return f"{sensor}{_beyond_tube(quantity, camera, wider)}, or a main lens so many times shorter"
     if quantity.unit == "lp/mm":
         pitch = on_side(1e3 * float(camera.d) * have / low, False, 3)
         return f"microlenses of {pitch} um, not {length(float(camera.d))}, sample {low:g} lp/mm there"
     return ""
+
+
+def _beyond_tube(quantity: Quantity, camera: Camera, wider: float) -> str:
+    """Words on a sensor so many times as wide that does not fit the tube; empty where it does, or stands elsewhere."""
+    room = float(tube.room(camera))
+    within = [part.name for part in tube.housed(camera) if part.aside is None and part.inside(camera)]
+    sides = [float(camera.cold.numbers[f"sensor.size.{axis}"]) for axis in (0, 1)]
+    least = wider * min(sides)
+    if quantity.name == ROUND_ANGLE:
+        grown = [max(side, least) for side in sides]
+    else:
+        one = {"field_of_view_width_deg": 0, "field_of_view_height_deg": 1}.get(quantity.name)
+        grown = [side * (wider if one in (None, axis) else 1.0) for axis, side in enumerate(sides)]
+    across = math.hypot(*grown)
+    if "sensor" not in within or across <= room * (1 + FEASIBLE):
+        return ""
+    return f" (too wide for [tube]: {number(across, 3)} mm across its corners, of {number(room, 3)} mm that it leaves)"
 
 
 def _of_the_focal_plane(camera: Camera, low: float, high: float) -> tuple[str, str]:

@@ -463,6 +463,23 @@ def test_a_missed_limit_names_its_culprit_and_what_it_says_does():
     )
 
 
+def test_a_wider_sensor_that_does_not_fit_the_tube_is_said_not_to():
+    """Of the round field the nearest side grows: the sensor's diagonal, by hand, against 6 mm less two walls."""
+    design = roslf.load("rigid-scope").replace({"sensor.size": (1.6, 0.9), "microlens_array.size": (3.0, 3.0)})
+    view = float(roslf.quantity("round_field_of_view_deg")(Camera.of(design)))
+    for grown, outer in ((1.5, 6.0), (5.0, 6.0), (5.0, 60.0), (5.0, None)):
+        wanted = 2 * np.degrees(np.arctan(grown * np.tan(np.radians(view / 2))))
+        tube = "" if outer is None else f'[tube]\nouter_diameter = "{outer} mm"\nwall = "0.3 mm"\n'
+        text = roslf.dumps(design.replace({"required": ()})) + f"\n{tube}"
+        text += f'[required]\nround_field_of_view_deg = {{min = "{wanted:.9f} deg"}}\n'
+        (one,) = required_of(roslf.loads(text))
+        assert "times as wide on its nearest side sees that" in one.remedy
+        across = np.hypot(max(1.6, 0.9 * grown), 0.9 * grown)
+        told = "" if outer is None or across <= outer - 0.6 else f" (too wide for [tube]: {across:.3g} mm across"
+        assert ("too wide for [tube]" in one.remedy) == bool(told)
+        assert f"sees that{told}" in one.remedy
+
+
 def test_only_what_is_too_wide_names_the_widest():
     for limit, named in (('{max = "2 mm"}', True), ('{min = "20 mm"}', False)):
         _, (remedy,) = _remedied(roslf.load("rigid-scope"), outer_diameter_mm=limit)
