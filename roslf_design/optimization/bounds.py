@@ -21,9 +21,10 @@ from ..design import PATHS
 from ..errors import InputError, Problem
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField, sensor_field
-from ..theory.tube import LENGTH, WIDTHS
+from ..theory.tube import LENGTH, WHOLE, WIDTHS, diameters, housed
 from ..tolerancing.places import in_lens
-from ..words import listed
+from ..words import listed, the
+from ..words import number as number_words
 from .combinations import Combinations
 from .goals import Constraint, Goal
 from .problem import CUT_MARGIN, ROOM, SIDES, DesignProblem
@@ -171,6 +172,8 @@ class Refused(NamedTuple):
     """Combinations."""
     parts: dict[str, float]
     """Parts that it never holds with, to the nearest that it comes."""
+    widest: str = ""
+    """Part of the design that is widest where a width comes nearest, in words; empty where it is one to choose."""
 
     def words(self, count: int) -> str:
         """Limit and parts, of so many combinations in all."""
@@ -178,7 +181,8 @@ class Refused(NamedTuple):
         if named and len(self.numbers) == count:  # whichever part
             named = [self.constraint.with_unit(_nearest_to(self.constraint)(self.parts.values()), 4)]
         more = [f"{len(named) - NAMED} more"] if len(named) > NAMED else []
-        told = f" (nearest: {listed([*named[:NAMED], *more])})" if named else ""
+        widest = f"; the widest there is {self.widest}, which is not among the parts to choose" if self.widest else ""
+        told = f" (nearest: {listed([*named[:NAMED], *more])}{widest})" if named else ""
         return f"{len(self.numbers)} of {count} cannot hold {self.constraint} whatever varies{told}"
 
     def to_dict(self) -> dict[str, Any]:
@@ -203,7 +207,28 @@ def refused(combinations: Combinations) -> Iterator[Refused]:
     for limit, missed, values in zip(limits, wrong, nearest, strict=True):
         if missed.any():
             parts = combinations.deciding(missed, values, _nearest_to(limit))
-            yield Refused(limit, np.flatnonzero(missed), parts)
+            least = int(values.argmin()) if missed.all() and limit.quantity.name in WIDTHS else None
+            widest = "" if least is None else _widest_fixed(combinations, least, limit.quantity.name == WHOLE)
+            yield Refused(limit, np.flatnonzero(missed), parts, widest)
+
+
+def _widest_fixed(combinations: Combinations, number: int, whole: bool) -> str:
+    """Widest part where a combination is narrowest, in words; empty where it is one to choose."""
+    owner, n = np.array([number]), combinations.problem.n
+    with np.errstate(all="ignore"):
+        camera = _corners(combinations, owner, np.zeros((1, n)), np.ones((1, n))).housed
+        widths, parts = diameters(camera, whole), housed(camera)
+    widths = np.nan_to_num(widths.reshape(len(widths), -1), nan=np.inf)
+    corner = int(widths.max(axis=0).argmin())
+    index = int(widths[:, corner].argmax())
+    if index == len(parts):
+        return f"the tube as stated, {number_words(widths[index, corner], 4)} mm"
+    name, across = parts[index].name, float(np.ravel(np.broadcast_to(parts[index].across, camera.shape))[corner])
+    chosen = {place.partition(".")[0] for place in combinations.values(owner)}
+    of_element = name not in ("main lens", "microlens array", "sensor")
+    if name.replace(" ", "_") in chosen or (of_element and "elements" in chosen):
+        return ""
+    return f"{the(name)}, {number_words(across, 4)} mm"
 
 
 def _nearest_to(limit: Constraint) -> Callable[[Iterable[float]], float]:

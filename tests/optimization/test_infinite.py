@@ -9,7 +9,7 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
-from roslf_design.catalogue import load_catalogue
+from roslf_design.catalogue import Catalogue, load_catalogue
 from roslf_design.design import PATHS
 from roslf_design.errors import InputError
 from roslf_design.optimization.bounds import refuse_all
@@ -224,3 +224,26 @@ def test_an_infinite_depth_names_its_cause_and_its_remedy():
     fill = float(QUANTITIES["fill_factor"](Camera.of(next(design for _, design in result.designs()))))
     assert f"= ∞ mm; image overlap, image fill {fill:.3g}: beyond 1.5 views cannot be told apart." in said.text
     assert said.remedy.startswith('Hold images apart: [[constraints]] quantity = "fill_factor", max = 1;')
+
+
+@pytest.mark.parametrize(("across", "named"), [(60.0, True), (10.0, False)])
+def test_a_width_that_no_part_to_choose_mends_names_the_widest_of_the_others(across, named):
+    """A window of 60 mm is wider than any sensor; of 10 mm, none of the sensors' own 12 mm and more."""
+    window = {
+        "kind": "plate",
+        "distance": "150 mm",
+        "thickness": "1 mm",
+        "material": "N-BK7",
+        "diameter": f"{across} mm",
+    }
+    base = PAPER.replace({"D": 5.0, "microlens_array.size": (2.0, 2.0), "elements": [window]})
+    problem = posed(
+        {"D_F": (1.0, 3.0)}, (limit("outer_diameter_mm", None, 6.0),), goal("sigma_z_mm", "min"), design=base
+    )
+    sensors = tuple(one for one in load_catalogue().sensors if np.hypot(*one.size) > 12.0)
+    combinations = Combinations.of(problem, Catalogue(sensors=sensors), ("sensors",))
+    with pytest.raises(InputError, match="no combination of parts can be a design") as told:
+        refuse_all(combinations)
+    words = "; the widest there is plate 1, 60 mm, which is not among the parts to choose); choose"
+    assert (words in str(told.value)) == named
+    assert ("the widest there" in str(told.value)) == named
