@@ -442,7 +442,7 @@ class Result(BriefValue):
         return finite
 
 
-def run(study: OptimizeStudy, tell: Tell = silent, keep: Callable[[Result], None] = lambda found: None) -> Result:
+def run(study: OptimizeStudy, tell: Tell = silent, keep: Callable[[Result], object] = lambda found: None) -> Result:
     """Run a study; `tell` is told what is being done, `keep` is given what was found before [robust] begins.
 
     Raises
