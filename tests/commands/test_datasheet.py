@@ -289,7 +289,7 @@ def test_what_a_calibration_leaves_uncertain_against_cameras_drawn_from_it(calib
     sheet = json.loads((tmp_path / "a.json").read_text())
     assert sheet["design"] == f"{design.name}, calibrated"
     assert all(words in sheet["basis"] for words in ("monday", "two standard deviations", "plate 1 thickness"))
-    (known,) = (line for line in sheet["lines"] if line["name"] == "from lengths as calibrated")
+    (known,) = (line for line in sheet["lines"] if line["name"] == "u in the focal plane from lengths as calibrated")
     assert (known["value"] > 0, known["remark"]) == (True, "by its pictures, its data sheet known before")
     draws = mixing @ np.random.default_rng(1).normal(size=(5, 600))
     best = roslf.Camera.of(design)
@@ -753,3 +753,17 @@ def test_an_empty_revision_is_refused(tmp_path, capsys):
     code, _, err = run(capsys, "datasheet", "paper", "--revision", "", "-o", tmp_path / "a.html")
     assert (code, list(tmp_path.iterdir())) == (2, [])
     assert err == 'roslf: --revision: "" is no revision; give text on one line, as "B"\n'
+
+
+def test_depths_name_their_distance_and_a_round_field_has_one_rim():
+    asked = "[required]\nround_field_of_view_deg = {min = 10}\n"
+    design = roslf.loads(f"{roslf.dumps(roslf.load('paper'))}\n{asked}")
+    lines = datasheet.basis(design, at=(200.0,)).rows
+    names = [(line.subject, line.name) for line in lines]
+    assert len(names) == len(set(names))
+    depths = [name for subject, name in names if subject == EXPECTED and name != "not in it"]
+    assert all("in the focal plane" in name or name == "U at 200 mm" for name in depths)
+    rims = [name for subject, name in names if subject == DEPTH and "round field" in name]
+    assert [name.endswith("rim of the round field") for name in rims] == [True]
+    focal = [name for subject, name in names if subject == "Resolution" and "off axis" in name]
+    assert [name.rpartition(", ")[2] for name in focal] == ["along x", "towards the corner"]

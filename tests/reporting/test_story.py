@@ -283,17 +283,20 @@ def test_a_required_depth_is_that_of_the_camera_calibrated_as_planned(without_fi
     assert "as drawn" not in required[-1]
     assert f" is {required[1]} (U = " in told.text
     lead, built, calibrated = tables["Depth, expected"].rows[:3]
-    assert lead[0] == "expanded uncertainty U, k = 2, as drawn"
+    assert lead[0] == "expanded uncertainty U in the focal plane, k = 2, as drawn"
     assert lead[-1].endswith("quote it of no camera")
-    assert built[0] == "U, without a calibration, lengths as a first look builds them"
+    assert built[0] == "U in the focal plane, without a calibration, lengths as a first look builds them"
     assert required[-1].endswith(f"without a calibration, lengths as a first look builds them, U = {built[1]}")
-    assert calibrated[0] == "U, with lengths as calibrated"
+    assert calibrated[0] == "U in the focal plane, with lengths as calibrated"
     assert f"; U = {calibrated[1]}" in required[-1]
     assert calibrated[-1].endswith(", as planned; required depths count it")
     planned = next(items.items[-1].text for items in blocks(report, Statements) if "as planned" in items.items[-1].text)
     assert f"U = ± {float(calibrated[1].split()[0]):.3g} mm in the focal plane" in planned
     names = [row[0] for table in ("Distances", "Depth, expected") for row in tables[table].rows]
-    assert ("standard uncertainty u, as drawn" in names, "standard uncertainty u, as built" in names) == (True, False)
+    assert (
+        "standard uncertainty u in the focal plane, as drawn" in names,
+        "standard uncertainty u in the focal plane, as built" in names,
+    ) == (True, False)
     glance = next(table for table in blocks(report, Table) if table.title == "What it sees")
     for told in (names, [row[0] for row in glance.rows]):
         ranges = [name for name in told if name.startswith("working range")]

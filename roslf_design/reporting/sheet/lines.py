@@ -27,6 +27,7 @@ from ...evaluation.specification import (
     CRITERION,
     FOCUS,
     LEVELS,
+    RIM,
     WAYS,
     Colour,
     FieldImages,
@@ -85,6 +86,10 @@ USABLE = (
 DEPTH, EXPECTED = "Depth noise (bound), 1 σ", "Depth, expected"
 LEADS = "expanded uncertainty U"
 """Beginning of the name of the line that leads them."""
+IN_FOCUS = "in the focal plane"
+"""Distance of those that name no other."""
+ALIKE = 1e-4
+"""Relative difference to which two depths on the sheet, of four digits, are one."""
 SHARP = f"Sharp: {CRITERION}."
 SMALL = 0.1
 """Length below which micrometres are printed, as `words.length` has them [mm]."""
@@ -293,7 +298,7 @@ def _lines(
     yield from _range_lines(WorkingRange(near, far, useful, budgets[None].lengths))
     yield from _whole_camera("Distances", camera, {})
     yield from _expected_lines(budgets)
-    yield from _depth_lines(sheet, traced)
+    yield from _depth_lines(sheet, traced, shown.outermost == RIM)
     for field in sheet.object_field:
         at = f"at {number(field.at_mm, 4)} mm ({field.plane})"
         focal = field.plane == FOCUS
@@ -313,6 +318,8 @@ def _lines(
             continue
         what = "refocused" if row.image == "refocused" else "a view"
         away = "beyond the lens's sight" if row.x0_mm is None else f"{number(row.x0_mm, 4)} mm off axis"
+        if shown.outermost == RIM:  # edge and corner may lie as far out, where square microlenses tell detail otherwise
+            away += ", along x" if row.x_ml_mm == sheet.field[1].x_ml_mm else ", towards the corner"
         aside = "axis" if centre else away
         at = f"{what}, {number(row.at_mm, 4)} mm ahead ({row.plane}), {aside}"
         dark = "" if row.usable_lp_per_mm is not None else "dark or folded" if traced else "dark"
@@ -436,26 +443,36 @@ def _expected_lines(budgets: Mapping[float | None, DepthBudget]) -> Iterator[_Sh
     budget = budgets[None]
     u, largest = float(budget.u_z_mm), budget.mostly
     missing = "" if math.isfinite(u) else "none"
-    yield _SheetLine(EXPECTED, f"{LEADS}, k = {COVERAGE}, {budget.lengths}", COVERAGE * u, "mm", largest, "", missing)
     yield _SheetLine(
-        EXPECTED, f"standard uncertainty u, {budget.lengths}", u, "mm", "68 of 100 lie within", "", missing
+        EXPECTED, f"{LEADS} {IN_FOCUS}, k = {COVERAGE}, {budget.lengths}", COVERAGE * u, "mm", largest, "", missing
     )
+    yield _SheetLine(
+        EXPECTED, f"standard uncertainty u {IN_FOCUS}, {budget.lengths}", u, "mm", "68 of 100 lie within", "", missing
+    )
+    for term in budget.terms:
+        if term.u_mm is not None and term.kind == "trueness":
+            yield _SheetLine(EXPECTED, f"u {IN_FOCUS} from {term.name}", float(term.u_mm), "mm", term.remark)
     for at, there in budgets.items():
         if at is not None:
             expanded, mostly = float(there.expanded_mm), there.mostly
             missing = "" if math.isfinite(expanded) else "none"
             yield _SheetLine(EXPECTED, f"U at {number(at, 4)} mm", expanded, "mm", mostly, "", missing)
-    for term in budget.terms:
-        if term.u_mm is not None and term.kind == "trueness":
-            yield _SheetLine(EXPECTED, f"from {term.name}", float(term.u_mm), "mm", term.remark)
     if budget.left_out:
         yield _SheetLine(EXPECTED, "not in it", None, "", budget.left_out, "", "–")
 
 
-def _depth_lines(sheet: Specification, traced: bool) -> Iterator[_SheetLine]:
-    """How well depth is known, at both ends of the working range and over the field in focus."""
+def _depth_lines(sheet: Specification, traced: bool, rim: bool) -> Iterator[_SheetLine]:
+    """How well depth is known, at both ends of the working range and over the field in focus.
+
+    Of a round field, whose rim ends it, once where it is alike along x and towards the corner.
+    """
     spreads = sheet.depth_precision.spreads
-    names = (*("axis" for _ in spreads[2:]), "edge of the field", "corner of the field")
+    off: tuple[str, ...] = ("edge of the field", "corner of the field")
+    if rim:
+        off = (f"{RIM}, along x", f"{RIM}, towards the corner")
+        if math.isclose(spreads[-2].sigma_z_mm, spreads[-1].sigma_z_mm, rel_tol=ALIKE):
+            spreads, off = spreads[:-1], (RIM,)
+    names = (*("axis" for _ in spreads[len(off) :]), *off)
     kind = FOCUS, "refocused"
     shown = {row.x_ml_mm: row.usable_lp_per_mm for row in sheet.resolution if (row.plane, row.image) == kind}
     middle = shown.get(spreads[0].x_ml_mm)
@@ -696,7 +713,7 @@ def _answers(grounds: SpreadSources, lead: _SheetLine) -> Iterator[_SheetLine]:
             continue
         value = None if budget is None else float(budget.expanded_mm)
         text = NONE if value is None else "" if math.isfinite(value) else "none"
-        name = f"U, {LEFT_OUT.get(lengths, f'without a calibration, lengths {lengths}')}"
+        name = f"U {IN_FOCUS}, {LEFT_OUT.get(lengths, f'without a calibration, lengths {lengths}')}"
         others.append(_SheetLine(EXPECTED, name, value, "mm", remark, "", text))
     yield from others
 
@@ -716,8 +733,8 @@ def datasheet_section(grounds: SpreadSources, tell: Share = UNHEARD) -> Section:
     where = " ± at the focal plane is wherever a camera has that; elsewhere at the distance itself." if spreads else ""
     captions = {
         "Distances": SHARP,
-        EXPECTED: "What a measured depth is to be believed to, on the axis in the focal plane. The first U "
-        "leads; those below it take lengths otherwise, and each says when to quote it."
+        EXPECTED: "What a measured depth is to be believed to, on the axis: U, with k = 2, or u, one standard "
+        "deviation. The first U leads; those below it take lengths otherwise, and each says when to quote it."
         + (" How far lengths are off is a part of it: it has no ± of its own." if spreads else ""),
         DEPTH: noise,
         "Object field": f"Ends are those of the working range.{where}",
