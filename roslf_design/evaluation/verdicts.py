@@ -31,7 +31,7 @@ from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import corner_room
 from ..words import in_file, length, listed, number, on_side, percent, place, the
 from .answer import STOP, FirstAnswer
-from .fields import Place, default_fields, field_openings
+from .fields import Place, default_fields, field_openings, round_radius
 from .groups import Field, Numbers, RealLens, Verdict
 from .remedies import GAP_SLACK, OVERLAP_SLACK, SLACK_PX, ways_of
 from .specification import RIM
@@ -95,15 +95,17 @@ def lens_speed(design: Design, camera: Camera) -> tuple[Verdict, ...]:
     """Whether an ideal main lens takes in more than known forms of lenses do; nothing where it does not, or is real.
 
     Aperture by field, (D/d_1) tan(w), is the Lagrange invariant in terms of the lens's own length: no scale changes it.
+    Of a round field that is required it is judged at the rim.
     """
     speed = float(main_lens_f_number(camera))
-    tangent = float(sensor_field(camera).radius) / (speed * float(camera.D))
+    rim = round_radius(design)
+    tangent = (float(sensor_field(camera).radius) if rim is None else rim) / (speed * float(camera.D))
     beyond = tangent / speed / (math.tan(math.radians(WIDE / 2)) / FAST)
     if not isinstance(design.main_lens.kind, IdealMainLens) or beyond <= 1:
         return ()
     text = (
         f"ideal lens: f/{speed:.3g} over {2 * math.degrees(math.atan(tangent)):.3g} degrees as the lens's own middle "
-        "sees the array (the field of view is from the entrance pupil), "
+        f"sees the {'array' if rim is None else RIM} (the field of view is from the entrance pupil), "
         f"{beyond:.3g} times the aperture by field of a double Gauss, f/{FAST:g} over {WIDE:g} degrees; single pencils "
         f"f/{float(pupil_f_number(camera)):.3g}; a lens of one or two elements can take that in, but hardly sharp over "
         "the field: its aberrations are not in these figures"

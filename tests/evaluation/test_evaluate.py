@@ -21,7 +21,7 @@ from roslf_design.errors import InputError
 from roslf_design.evaluation.fields import evaluate_fields, rays_for
 from roslf_design.evaluation.groups import Numbers, RayBudget, Share
 from roslf_design.evaluation.result import budget_table, seen_table
-from roslf_design.evaluation.verdicts import FASTEST_ARRAY, _field_remedy, _thin
+from roslf_design.evaluation.verdicts import FASTEST_ARRAY, _field_remedy, _thin, lens_speed
 from roslf_design.reporting.blocks import Table
 from roslf_design.reporting.design.pages import _accuracy_section
 from roslf_design.reporting.design.parts_list import parts_section
@@ -341,6 +341,19 @@ def test_an_ideal_lens_beyond_a_double_gauss_of_f_1_4_over_46_degrees_says_so():
     assert f"ideal lens: f/{scope.d_1 / (1.001 * bound):.3g} over " in beyond.text
     assert "1 times the aperture by field of a double Gauss" in beyond.text.partition("; ")[0]  # in brief
     assert not any(verdict.name == "lens_speed" for verdict in roslf.evaluate("paper-singlet").verdicts)
+
+
+def test_a_round_field_s_ideal_lens_is_judged_at_its_rim():
+    """The chief ray of half the angle meets the lens at h = d_3 tan(w), and the array d_1 behind it."""
+    scope = roslf.load("rigid-scope")
+    asked = roslf.dumps(scope).partition("[required]")[0] + "[required]\nround_field_of_view_deg = {min = 30}\n"
+    design = roslf.loads(asked)
+    slope = math.tan(math.radians(15))
+    rim = design.d_3 * slope / design.d_1 + slope * (1 - design.d_3 / design.f)
+    (told,) = lens_speed(design, Camera.of(design))
+    assert f"over {2 * math.degrees(math.atan(rim)):.3g} degrees as the lens's own middle sees the rim" in told.text
+    beyond = rim * design.D / design.d_1 / (math.tan(math.radians(23)) / 1.4)
+    assert f"{beyond:.3g} times the aperture" in told.text
 
 
 def test_microlenses_faster_than_any_in_the_catalogue_say_so():
