@@ -152,6 +152,8 @@ class Requirement:
             return uncertainty(value, 4)
         if self.quantity in tube.WIDTHS:  # of a tube into which it goes
             return f"{on_side(value, True, 4)} mm"
+        if value == math.inf:
+            return "infinity"
         return f"{number(value, 4)} {self.unit}".rstrip()
 
     @property

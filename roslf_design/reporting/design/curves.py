@@ -218,13 +218,13 @@ def _asked_of_depth(design: Design, curve: _DepthCurve) -> tuple[list[Mark], lis
     signs: list[Mark] = []
     keys: list[Key] = []
     told = {"u_z_mm": ("u_Z", curve.expected, curve.in_focus), "sigma_z_mm": ("σ_Z", curve.sigma, curve.least)}
-    drawn = [at for at in required_distances(design, math.inf) if curve.distance[0] <= at <= curve.distance[-1]]
-    others = dict.fromkeys(drawn)
+    others: dict[float, None] = {}
     for asked, quantity, _, most in limits(design):
         at = curve.focus if asked.at is None else asked.at
-        if asked.off_axis is not None or quantity.name not in told or most is None:
+        if quantity.name not in told or not curve.distance[0] <= at <= curve.distance[-1]:
             continue
-        if not curve.distance[0] <= at <= curve.distance[-1]:
+        if asked.off_axis is not None or most is None:
+            others[at] = None
             continue
         symbol, values, here = told[quantity.name]
         value = here if asked.at is None else float(np.interp(at, curve.distance, values))
