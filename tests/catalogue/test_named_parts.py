@@ -274,3 +274,8 @@ def test_sensors_sold_with_filters_and_without_can_be_had_as_either():
     assert bayer({"mono_too": True})
     assert not mono({"mono_too": False})
     assert not mono({"colours": "bayer"})
+
+
+def test_a_part_that_nobody_verified_says_so_beside_its_name():
+    text = SCOPE.replace('part = "Sony imx250"', 'part = "OH02A10"')
+    assert dict(named_parts(roslf.loads(text)))["sensor"] == "OmniVision OH02A10, unverified, no package size known"

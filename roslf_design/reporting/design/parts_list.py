@@ -174,7 +174,12 @@ def named_parts(design: Design) -> list[tuple[str, str]]:
     named: list[tuple[str, str]] = []
     for name, kind, window in parts:
         if _own(design, kind, window).part is not None:
-            named.append((name, _catalogue_match(design, known, kind, window)[0]))
+            words, entry = _catalogue_match(design, known, kind, window)
+            doubt = ", unverified" if entry is not None and entry.confidence == "unverified" else ""
+            unpacked = (
+                ", no package size known" if kind == "sensors" and doubt and design.sensor.package is None else ""
+            )
+            named.append((name, f"{words}{doubt}{unpacked}"))
     return named
 
 
