@@ -54,6 +54,8 @@ TAKEN_LOSS = 0.01
 """Share of light lost to slanting rays from which it is told."""
 WIDEST_PIXEL = 0.05
 """Pixels wider than this are none of a sensor that takes pictures [mm]."""
+USUAL_PIXEL, ALIKE = 3.45e-3, 2.0
+"""Pixel [mm] whose full well is assumed, and ratio of areas up to which another's is taken to be about the same."""
 FAST, WIDE = 1.4, 46.0
 """f-number and full field [degrees] of a double Gauss lens, the fastest of the standard forms at such a field: the
 example of 50 mm in W. J. Smith, Modern Lens Design, p. 335."""
@@ -533,6 +535,18 @@ def named_otherwise(design: Design) -> Iterator[Verdict]:
         )
 
 
+def full_well_doubt(design: Design) -> str:
+    """Caution that the full well is taken as that of other pixels than the named sensor's; empty where it is not."""
+    sensor = design.sensor
+    larger, assumed = (sensor.pixel / USUAL_PIXEL) ** 2, type(sensor).model_fields["full_well"].default
+    if sensor.part is None or sensor.full_well != assumed or 1 / ALIKE <= larger <= ALIKE:
+        return ""
+    return (
+        f"full well assumed, {number(sensor.full_well)} electrons: of a pixel of {length(USUAL_PIXEL)}, and those of "
+        f"the sensor are of {length(sensor.pixel)}; state full_well in [sensor], as its data sheet has it"
+    )
+
+
 def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
     """Warnings about what is no error but must not go unsaid."""
     array, pixel = design.microlens_array, design.sensor.pixel
@@ -540,6 +554,8 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
         wide = "than a microlens" if design.q > array.pitch else "than those of any usual sensor"
         meant = "" if pixel < 0.1 else f", or are {pixel:.4g} um meant?"
         yield f"pixels of {length(pixel)} are wider {wide} (pitch {length(array.pitch)}): check sensor.pixel{meant}"
+    if doubt := full_well_doubt(design):
+        yield doubt
     for side, mla, sensor in zip(("wide", "high"), array.size, design.sensor_size, strict=True):
         if sensor > mla * (1 + 1e-9):
             yield (

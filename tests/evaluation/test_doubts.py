@@ -105,3 +105,16 @@ def test_a_stop_of_no_place_is_told_which_it_may_have():
 def test_a_temperature_to_be_swept_asks_for_an_environment():
     with pytest.raises(InputError, match=r"add \[environment\] with a housing"):
         roslf.sweep("paper", {"environment.temperature": [20.0, 40.0]}, "fill_factor")
+
+
+def test_a_named_sensor_whose_pixels_are_not_those_of_the_assumed_full_well_says_so():
+    plate = 'kind = "plate"\ndistance = "9.3 mm"\nthickness = "1 mm"\nmaterial = "sapphire"'
+    text = HEAD % plate
+
+    def told(text):
+        return [one for one in roslf.evaluate(roslf.loads(text)).warnings if one.startswith("full well assumed")]
+
+    (doubt,) = told(text)
+    assert "10500 electrons: of a pixel of 3.45 um, and those of the sensor are of 2 um; state full_well" in doubt
+    assert not told(text.replace('part = "IMX335"', 'part = "IMX335"\nfull_well = 8000'))
+    assert not told(text.replace('part = "IMX335"', 'part = "IMX335"\npixel = "2.5 um"'))  # 0.53 of the area

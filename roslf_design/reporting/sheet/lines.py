@@ -37,7 +37,7 @@ from ...evaluation.specification import (
     corner,
     specification,
 )
-from ...evaluation.verdicts import as_sharp, lit
+from ...evaluation.verdicts import as_sharp, full_well_doubt, lit
 from ...evaluation.working_range import WorkingRange
 from ...json_data import plain
 from ...progress import UNHEARD, Share, part_of
@@ -730,6 +730,8 @@ def datasheet_section(grounds: SpreadSources, tell: Share = UNHEARD) -> Section:
             "What photons and read noise alone allow, one standard deviation of one measurement, "
             f"{depth_basis(assumed)}: no instrument reaches it."
         )
+        if doubt := full_well_doubt(grounds.design):
+            noise += f" Caution: {doubt}."
     where = " ± at the focal plane is wherever a camera has that; elsewhere at the distance itself." if spreads else ""
     captions = {
         "Distances": SHARP,
