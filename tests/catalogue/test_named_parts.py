@@ -68,7 +68,10 @@ def test_what_is_written_is_whole_and_keeps_the_names():
 def test_own_values_beside_a_name_win():
     cropped = roslf.loads(SCOPE.replace('part = "Sony imx250"', 'part = "IMX250"\npixels = [1000, 800]'))
     assert cropped.pixels == (1000, 800)
-    assert dict(named_parts(cropped))["sensor"] == "Sony IMX250, 1000 x 800 of its 2448 x 2048 px read"
+    assert (
+        dict(named_parts(cropped))["sensor"]
+        == "Sony IMX250, 1000 x 800 of its 2448 x 2048 px read, unverified, no package size known"
+    )
     thin = roslf.loads(SCOPE.replace('part = "AC050-008-A"', 'part = "AC050-008-A"\nfocal_length = "7.5 mm"'))
     assert (thin.lens, thin.f, thin.D) == (None, 7.5, 4.5)
     other = roslf.loads(SCOPE.replace('part = "18-00079"', 'part = "18-00079"\npitch = "40 um"'))
@@ -95,7 +98,7 @@ def test_a_table_that_is_whole_may_have_any_name():
     assert roslf.loads(roslf.dumps(design)) == design
 
     shipped = own.replace("lot 7", "Sony IMX250").replace("2 um", "3.45 um").replace("[900, 700]", "[2448, 2048]")
-    assert dict(named_parts(roslf.loads(shipped)))["sensor"] == "Sony IMX250"
+    assert dict(named_parts(roslf.loads(shipped)))["sensor"] == "Sony IMX250, unverified, no package size known"
 
 
 @pytest.mark.parametrize(
