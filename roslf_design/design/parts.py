@@ -465,7 +465,8 @@ class Light(Part):
     """lambda [mm]."""
     illuminance: Illuminance = 1e5
     """Illuminance on the scene, in its medium [lx]; about what a surgical light gives (IEC 60601-2-41: 40 000 to 160
-    000)."""
+    000). The same at every distance: light from a source in the tip falls as 1/z^2, so give what it has at the distance
+    that you ask about."""
     reflectance: Annotated[float, Field(gt=0, le=1)] = 0.3
     """Reflectance of the scene, on average."""
     radiance: Radiance | None = None

@@ -286,6 +286,9 @@ class FirstAnswer:
                 ("insertion portion", inserted, f"{self.inserted}: {walls}"),
                 ("outer diameter", outer, self.head),
             )
+        if self.outer_diameter_about == tube.NARROWEST:
+            uncounted = self.outer_diameter_counts.replace("without", "no").replace("sensor ", "")
+            return (*rows, ("outer diameter", outer, f"no [tube] stated: optics alone, {uncounted}"))
         return (*rows, ("outer diameter", outer, f"of {self.inserted}; {walls}"))
 
     @property

@@ -177,7 +177,7 @@ class DepthAssumptions:
         """Name, value, remark."""
         lenses, exposure = f"{self.window:g} x {self.window:g}", f"in {number(1e3 * self.exposure_s, 3)} ms"
         return [
-            ("light", f"{number(self.electrons, 4)} e- a pixel", exposure),
+            ("light", f"{number(self.electrons, 4)} e- a pixel", f"{exposure}, as bright at every distance"),
             ("texture, rms contrast", f"{self.contrast:.3g}", self.detail),
             ("microlenses matched", lenses, f"of {self.views:.0f} independent views"),
         ]

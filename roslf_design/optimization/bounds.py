@@ -207,8 +207,9 @@ def refused(combinations: Combinations) -> Iterator[Refused]:
     for limit, missed, values in zip(limits, wrong, nearest, strict=True):
         if missed.any():
             parts = combinations.deciding(missed, values, _nearest_to(limit))
-            least = int(values.argmin()) if missed.all() and limit.quantity.name in WIDTHS else None
-            widest = "" if least is None else _widest_fixed(combinations, least, limit.quantity.name == WHOLE)
+            all_too_wide = missed.all() and limit.quantity.name in WIDTHS
+            whole = limit.quantity.name == WHOLE
+            widest = _widest_fixed(combinations, int(values.argmin()), whole) if all_too_wide else ""
             yield Refused(limit, np.flatnonzero(missed), parts, widest)
 
 

@@ -18,6 +18,8 @@ from ..lenses.prescription import Prescription
 from ..words import clauses, number, the
 
 WALL, GUIDE, LENGTH, OUTER = "tube.wall", "tube.light_guide", "tube.length", "tube.outer_diameter"
+NARROWEST = "narrowest tube about the optics,"
+"""Tube where no design states one, in words."""
 WIDTHS = INSERTED, WHOLE = "insertion_diameter_mm", "outer_diameter_mm"
 """Names of the two widths: of the insertion portion, which a stated tube is, and of all of the camera."""
 PACKAGE = "sensor.package"
@@ -160,8 +162,10 @@ def room(c: Camera) -> Array:
 
 
 def widest_fap(c: Camera) -> Array:
-    """Diameter up to which a FAP fits the tube, and the main lens lets all of its light through [mm]."""
-    return np.minimum(room(c), c.cold.D)
+    """Diameter up to which a FAP fits the tube, if it is in it, and the main lens lets all of its light through [mm]."""
+    numbers = c.cold.numbers
+    housed = numbers[PATHS["d_3"]] >= c.cold.tip - numbers[LENGTH] if LENGTH in numbers else True
+    return np.minimum(np.where(housed, room(c), np.inf), c.cold.D)
 
 
 def walls(c: Camera) -> tuple[str, str]:
@@ -170,7 +174,7 @@ def walls(c: Camera) -> tuple[str, str]:
     Both in words.
     """
     if OUTER not in c.numbers:
-        return "narrowest tube about the optics,", uncounted(c)
+        return NARROWEST, uncounted(c)
     outer, wall, narrowest = float(c.cold[OUTER]), float(shell(c)), float(np.max(_about(c, False)))
     walls = "walls with light guide" if GUIDE in c.numbers else "walls"
     parts = f"parts of {number(narrowest - 2 * wall, 4)} mm and {walls} of {number(wall, 4)} mm"
@@ -189,7 +193,7 @@ def inserted(c: Camera) -> str:
     """Part of the camera that is taken for inserted, in words."""
     if LENGTH in c.numbers:
         return f"the first {number(float(c.cold[LENGTH]), 4)} mm"
-    return "all of the camera" if OUTER in c.numbers else "all of the camera, as no [tube] says what is inserted"
+    return "all of the camera"
 
 
 def head(c: Camera) -> str:

