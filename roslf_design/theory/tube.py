@@ -162,7 +162,7 @@ def room(c: Camera) -> Array:
 
 
 def widest_fap(c: Camera) -> Array:
-    """Diameter up to which a FAP fits the tube, if it is in it, and the main lens lets all of its light through [mm]."""
+    """Diameter up to which a FAP fits the tube, if it is in it, and the main lens lets all its light through [mm]."""
     numbers = c.cold.numbers
     housed = numbers[PATHS["d_3"]] >= c.cold.tip - numbers[LENGTH] if LENGTH in numbers else True
     return np.minimum(np.where(housed, room(c), np.inf), c.cold.D)
