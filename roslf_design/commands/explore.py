@@ -50,6 +50,8 @@ def explore(
         if browser:
             webbrowser.open(address)
 
+    import numba  # noqa: F401  # two threads that import it at once see half of it
+
     # Beside the page's first pictures, which would else wait for compiled kernels one after the other; nothing is
     # computed there, so no two threads meet in a kernel.
     Thread(target=warm_up, daemon=True).start()
