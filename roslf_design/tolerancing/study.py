@@ -56,9 +56,9 @@ from .metrics import DISTANT, METRICS, SHAPES, Column, Question, evaluate_builds
 from .places import LENSLETS, SHIPPED, Grades, expand, load_grades, nominal_values, tolerance_at
 
 CALIBRATION = "calibration"
+"""Name of the compensator that teaches the decoder each build instead of moving a part."""
 OWN = "this study"
 """Source of a tolerance that is no grade's."""
-"""Name of the compensator that teaches the decoder each build instead of moving a part."""
 MOST_TRIALS = 10**10
 """Fifteen hours of a processor at best."""
 MOST_MEMORY, SOBOL_ROWS = 1 << 30, 600
