@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import Field
 
 from ..calibration.decoding import LightField
 from ..calibration.designed import image_pitch
@@ -103,35 +102,21 @@ def _textured_row(field: LightField) -> int:
 class DecodeOptions(Options):
     """Files that help to decode an image, and planes to refocus to."""
 
-    white: Path | None = Field(
-        None,
-        description="White image of the same camera setting: shows where the microlens images are, and takes "
-        "vignetting off. Without one, a design says what to look for in the image itself; views are then "
-        "less sure, and vignetted.",
-    )
-    dark: Path | None = Field(
-        None,
-        description="Frame without light, taken off both.",
-    )
-    design: FileName | None = Field(
-        None,
-        description="Design of the camera: a file or a preset. Names refocused planes in mm, helps to find the "
-        "microlens images.",
-    )
-    calibration: Path | None = Field(
-        None,
-        description="Folder that roslf calibrate wrote: the same by the camera as calibrated.",
-    )
-    focus: list[str] | None = Field(
-        None,
-        description='Planes to refocus to, several times or with commas: distances from the main lens ("320 mm"), or '
-        "disparities between opposite edges of the views, in pitches (1.5; of files of views in pixels), "
-        "above 0 for near points. Default: seven planes over all that is sharp.",
-    )
-    row: int | None = Field(
-        None,
-        description="Row of the views that the epipolar-plane image is of, from 0. Default: the one with most texture.",
-    )
+    white: Path | None = None
+    """White image of the same camera setting: shows where the microlens images are, and takes vignetting off. Without
+    one, a design says what to look for in the image itself; views are then less sure, and vignetted."""
+    dark: Path | None = None
+    """Frame without light, taken off both."""
+    design: FileName | None = None
+    """Design of the camera: a file or a preset. Names refocused planes in mm, helps to find the microlens images."""
+    calibration: Path | None = None
+    """Folder that roslf calibrate wrote: the same by the camera as calibrated."""
+    focus: list[str] | None = None
+    """Planes to refocus to, several times or with commas: distances from the main lens ("320 mm"), or disparities
+    between opposite edges of the views, in pitches (1.5; of files of views in pixels), above 0 for near points.
+    Default: seven planes over all that is sharp."""
+    row: int | None = None
+    """Row of the views that the epipolar-plane image is of, from 0. Default: the one with most texture."""
 
     def camera(self) -> tuple[Design | None, str]:
         """Camera that was named, and what to call it."""

@@ -71,10 +71,14 @@ class Required(Part):
 
     @model_validator(mode="after")
     def _in_one_place(self) -> Required:
-        places = [key for key in ("field", "object_height", "field_angle") if getattr(self, key) is not None]
-        if len(places) > 1:
-            raise ValueError(f"{' and '.join(places)} are two places; keep one")
+        if len(self.places) > 1:
+            raise ValueError(f"{' and '.join(self.places)} are two places; keep one")
         return self
+
+    @property
+    def places(self) -> list[str]:
+        """Keys that say where off the axis, of those that are given."""
+        return [key for key in ("field", "object_height", "field_angle") if getattr(self, key) is not None]
 
     @property
     def off_axis(self) -> str | None:

@@ -80,23 +80,6 @@ MEANT = (
     "finest that the refocused image shows as what it is, with half its contrast or more."
 )
 """Caption of it."""
-
-
-def lengths_not_counted(design: str = "", calibrated: float | None = None, bare: float | None = None) -> str:
-    """Line below U of lengths as drawn: U in the focal plane with what they add; else the command that tells it.
-
-    `design` is as it was typed; `calibrated` is U as planned, `bare` without a calibration [mm], None where not known.
-    """
-    command = f"`{f'roslf calibrate --plan {design}'.strip()}`"
-    told = clauses(
-        "" if calibrated is None else f"calibrated as {command} plans {uncertainty(calibrated, 3, '± ')}",
-        "" if bare is None else f"uncalibrated {uncertainty(bare, 3, '± ')}",
-        by=", ",
-    )
-    known = f"{told} (U in the focal plane)" if told else f"{command} tells U with them"
-    return f"lengths not counted: {known}"
-
-
 STOP = 0.5
 """Share of the middle's light in the corner, one stop less, below which it is said what brings it up to that."""
 SHARES = np.linspace(0.0, 1.0, 101)
@@ -252,8 +235,21 @@ class FirstAnswer:
         return "ahead of the tip", "field", depth, "mostly of", "detail"
 
     def uncounted(self, design: str = "", calibrated: float | None = None, bare: float | None = None) -> str:
-        """Line below the table over distances, as `lengths_not_counted`; empty where its depths count lengths."""
-        return lengths_not_counted(design, calibrated, bare) if self.working_range_lengths == "as drawn" else ""
+        """Line below the table over distances: U in the focal plane with what lengths add; else the command that tells.
+
+        Empty where its depths count lengths. `design` is as it was typed; `calibrated` is U as planned, `bare` without
+        a calibration [mm], None where not known.
+        """
+        if self.working_range_lengths != "as drawn":
+            return ""
+        command = f"`{f'roslf calibrate --plan {design}'.strip()}`"
+        told = clauses(
+            "" if calibrated is None else f"calibrated as {command} plans {uncertainty(calibrated, 3, '± ')}",
+            "" if bare is None else f"uncalibrated {uncertainty(bare, 3, '± ')}",
+            by=", ",
+        )
+        known = f"{told} (U in the focal plane)" if told else f"{command} tells U with them"
+        return f"lengths not counted: {known}"
 
     @property
     def rows(self) -> tuple[Row, ...]:

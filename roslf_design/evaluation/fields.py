@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -116,6 +117,7 @@ def _radius(design: Design, angle: float | None, height: float | None, at: float
     return share * float(np.hypot(*corner))
 
 
+@lru_cache(maxsize=64)
 def round_radius(design: Design) -> float | None:
     """Distance from the lens's axis of the rim of the widest round field that a design requires [mm].
 

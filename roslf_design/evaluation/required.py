@@ -35,7 +35,7 @@ from ..theory.depth_budget import (
 from ..theory.depth_error import errors_at_fields, expected_error
 from ..theory.focused import has_views, pupil_remedy
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
-from ..theory.limits import AT_FIELD, OFF_AXIS, as_design, limits
+from ..theory.limits import AT_FIELD, OFF_AXIS, as_design, held_by_builds, limits
 from ..theory.quantities import NO_LENS_MOVES, QUANTITIES, ROUND_ANGLE, ROUND_RADIUS, quantity_named
 from ..theory.quantity import FEASIBLE, Quantity
 from ..traced.fields import images_of
@@ -383,7 +383,7 @@ def _for_study(design: Design, asked: Required) -> dict[str, Any] | None:
         return table
     at_field = next((name for name, whole in AT_FIELD.items() if whole == asked.quantity), asked.quantity)
     known, place = QUANTITIES.get(at_field), place_off_axis(design, asked)
-    if place is None or known is None or known.local is None or (at_field in AT_FIELD and asked.at is not None):
+    if place is None or known is None or known.local is None or not held_by_builds(asked):
         return None
     ends = {side: limit for side, limit in table.items() if side in ("min", "max")}
     return {"quantity": at_field, "field": [f"{x!r} mm" for x in place], **ends}

@@ -249,7 +249,7 @@ def _whose(result: Evaluation) -> str:
 def answer_tables(result: Evaluation, calibrated: float | None = None, bare: float | None = None) -> list[Table]:
     """Field of view, distances and light, then field, depth and detail by distance: what a buyer asks.
 
-    U with what lengths add stands below, where it is known, as `lengths_not_counted`.
+    U with what lengths add stands below, where it is known, as `FirstAnswer.uncounted`.
     """
     rows, headings = tuple(plane.cells for plane in result.answer.at), result.answer.headings
     lines = (

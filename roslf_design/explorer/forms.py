@@ -10,7 +10,7 @@ from ..design import Design
 from ..design.required import Required
 from ..errors import InputError, Problem
 from ..reporting.story import CENTRE, DEPTH, FILL, KEPT
-from ..theory.limits import AT_FIELD, OFF_AXIS
+from ..theory.limits import held_by_builds
 from ..theory.quantities import in_words, quantity_named
 from ..tolerancing.metrics import DISTANT, METRICS
 from ..tolerancing.study import MetricGoal
@@ -178,9 +178,8 @@ def _asked_words(asked: Required) -> str:
     ends = [f"{word} {told[end]}" for end, word in (("min", "at least"), ("max", "at most")) if end in limits]
     where = [f"{limits['at']} ahead of the tip"] if asked.at is not None else []
     if asked.off_axis is not None:
-        held = asked.quantity not in OFF_AXIS or (asked.at is None and asked.quantity in AT_FIELD.values())
         place = asked.off_axis if asked.field is None else f"at the {asked.field}"
-        where.append(place if held else f"{place}, not held by a search")
+        where.append(place if held_by_builds(asked) else f"{place}, not held by a search")
     return ", ".join([f"{in_words(asked.quantity)} {listed(ends)}", *where])
 
 

@@ -15,15 +15,21 @@ from ..toml_files import parse_toml, read_toml
 from .quantities import quantity_named
 from .quantity import Quantity
 
-KEYS = ("field", "object_height", "field_angle")
 PLACES = 'field = "corner", object_height = "5 mm" or field_angle = "30 deg"'
 """Ways to say where off the axis something is required."""
 AT_FIELD = {"sigma_z_at_field_mm": "sigma_z_mm", "u_z_at_field_mm": "u_z_mm"}
 """Quantities of single fields, and those that stand for them in what is required."""
 OFF_AXIS = ("detail_lp_per_mm", *AT_FIELD.values())
 """Quantities of the axis that are known off it as well, at all distances."""
+
 Limits = tuple[Required, Quantity, float | None, float | None]
 """Limits that a file states, as it states them and read: the quantity, the least and the largest value."""
+
+
+def held_by_builds(asked: Required) -> bool:
+    """Whether studies have a number for what is required: off the axis not for detail, nor for depth at a distance."""
+    at_focus = asked.at is None and asked.quantity in AT_FIELD.values()
+    return asked.off_axis is None or asked.quantity not in OFF_AXIS or at_focus
 
 
 def as_design(design: Design | str | os.PathLike[str], origin: str = "") -> Design:
@@ -113,7 +119,7 @@ def _fault(asked: Required, quantity: Quantity, low: float | None, high: float |
     if quantity.of is None and not off:
         return f"'{quantity.name}' differs from field to field; say where by {PLACES}"
     if off and quantity.local is None and quantity.name not in OFF_AXIS:
-        return f"{quantity.name} is of the whole camera; drop {next(key for key in KEYS if getattr(asked, key))}"
+        return f"{quantity.name} is of the whole camera; drop {asked.places[0]}"
     if asked.at is not None and quantity.name not in OFF_AXIS and off and asked.object_height is None:
         return f"{quantity.name} of a microlens is the same at all distances; drop at, or say where by object_height"
     distance = "" if off and quantity.name not in OFF_AXIS else quantity.fault_of_distance(asked.at)

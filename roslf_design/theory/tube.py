@@ -58,9 +58,14 @@ class _Housed(NamedTuple):
         return f"sideways, out to {float(self.aside):.4g} mm from the tube's axis"
 
     def inside(self, c: Camera) -> Array:
-        """Whether it lies in the tube: no farther behind the tip than that is long."""
-        c, numbers = c.cold, c.cold.numbers
-        return np.asarray(self.place >= c.tip - numbers[LENGTH] if LENGTH in numbers else np.True_)
+        """Whether it lies in the tube."""
+        return _in_tube(c, self.place)
+
+
+def _in_tube(c: Camera, place: Number) -> Array:
+    """Whether a place [mm before the main lens] is no farther behind the tip than the tube is long."""
+    c, numbers = c.cold, c.cold.numbers
+    return np.asarray(place >= c.tip - numbers[LENGTH] if LENGTH in numbers else np.True_)
 
 
 def housed(c: Camera) -> tuple[_Housed, ...]:
@@ -163,9 +168,8 @@ def room(c: Camera) -> Array:
 
 def widest_fap(c: Camera) -> Array:
     """Diameter up to which a FAP fits the tube, if it is in it, and the main lens lets all its light through [mm]."""
-    numbers = c.cold.numbers
-    housed = numbers[PATHS["d_3"]] >= c.cold.tip - numbers[LENGTH] if LENGTH in numbers else True
-    return np.minimum(np.where(housed, room(c), np.inf), c.cold.D)
+    inside = _in_tube(c, c.cold.numbers[PATHS["d_3"]])
+    return np.minimum(np.where(inside, room(c), np.inf), c.cold.D)
 
 
 def walls(c: Camera) -> tuple[str, str]:

@@ -347,8 +347,11 @@ def _field_lines(shown: FieldImages, sheet: Specification, traced: bool) -> Iter
     """Lines on distortion, where the field is lit, and on the light in its corner."""
     camera = Camera.of(shown.design)
     farthest, outermost, middle = corner(sheet.field), shown.shown_last, sheet.field[0]
-    at = "in the corner" if outermost.angle_deg is None else f"at {number(outermost.angle_deg, 4)} deg off axis"
-    scale = None
+
+    def where(angle: float | None) -> str:
+        return "in the corner" if angle is None else f"at {number(angle, 4)} deg off axis"
+
+    scale, at = None, where(outermost.angle_deg)
     if outermost.local_magnification is not None and middle.local_magnification is not None:
         scale = outermost.local_magnification / middle.local_magnification if middle.local_magnification else 0.0
     lost = "not seen" if outermost.distortion_percent is None or scale is None else ""
@@ -372,8 +375,7 @@ def _field_lines(shown: FieldImages, sheet: Specification, traced: bool) -> Iter
         "Over the field", f"distortion {at}", outermost.distortion_percent, "%", barrel, text=lost, of=bent
     )
     yield _SheetLine("Over the field", f"local magnification {at}", scale, "", against, text=lost, of=stretched)
-    at = "in the corner" if farthest.angle_deg is None else f"at {number(farthest.angle_deg, 4)} deg off axis"
-    light = 100 * farthest.relative_illumination
+    at, light = where(farthest.angle_deg), 100 * farthest.relative_illumination
     yield _SheetLine("Over the field", f"relative illumination {at}", light, "%", "against the middle", of=shaded)
 
 
