@@ -10,8 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..calibration.fit import calibrate, corner_statistics, fit_at, fit_lines, shared_names, undetermined
+from ..calibration.corner_statistics import corner_statistics, fit_at
+from ..calibration.epilines import fit_lines
+from ..calibration.fit import calibrate, shared_names
 from ..calibration.frames import Array, CalibrationError
+from ..calibration.least_squares import undetermined
 from ..calibration.model import Intrinsics, Observations, Poses, project_boards, rotation_matrix
 from ..calibration.options import SheetOptions, data_sheet
 from ..calibration.planning import Captures, camera_of, pupil_of

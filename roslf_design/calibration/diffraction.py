@@ -24,7 +24,8 @@ from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import diffraction_width
 from .aberrations import aberration_error
 from .corners import fit_saddles, fit_window
-from .fit import Calibration, calibrate, fit_lines
+from .epilines import fit_lines
+from .fit import Calibration, calibrate
 from .frames import Array, CalibrationError, grey_frame
 from .lattice import CentreLattice
 from .model import GLOBALS, Board, DataSheet, Intrinsics, Observations, derived

@@ -12,7 +12,7 @@ from ..camera import BESIDE, VIEWING_CONDITIONS, Camera
 from ..design import PATHS, Design
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
-from .fit import StatisticsFit
+from .corner_statistics import StatisticsFit
 from .frames import Array
 from .model import DataSheet
 from .posterior import CameraDraws

@@ -8,8 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .fit import VISIBLE, Calibration, Leftover, Linear, corner_statistics, independent_sigma, leftover, shared_names
+from .corner_statistics import Leftover, corner_statistics, leftover
+from .fit import VISIBLE, Calibration, independent_sigma, shared_names
 from .frames import Array
+from .least_squares import Linear
 from .model import GLOBALS, MOST_RADIAL, rotation_matrix
 
 DISAGREE = 4.0

@@ -15,12 +15,13 @@ from ..theory.colours import filters
 from ..theory.focused import refuse_focused
 from ..toml_files import nearest, read_toml, validated
 from .centres import MicrolensCentres, find_centres
+from .corner_statistics import StatisticsFit
 from .corners import observe
 from .decoding import Decoder, LightField, Samples
 from .designed import image_pitch, undistorted_radius
 from .diffraction import Corners, Corrected, WhiteImage
 from .distortion import Distortion, with_distortion
-from .fit import Calibration, StatisticsFit, calibrate
+from .fit import Calibration, calibrate
 from .frames import CalibrationError, Capture, grey_frame, read_capture
 from .model import Board, DataSheet, Observations
 from .noise import measured_sensor

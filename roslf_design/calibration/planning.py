@@ -16,9 +16,12 @@ from ..design import Design
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.length_covariance import CalibratedLengths
 from ..words import sentence
+from .corner_statistics import StatisticsFit, corner_statistics, fit_at
 from .corners import LEAST_CELL
-from .fit import StatisticsFit, corner_statistics, fit_at, fit_lines, shared_names, undetermined
+from .epilines import fit_lines
+from .fit import shared_names
 from .frames import Array, CalibrationError
+from .least_squares import undetermined
 from .lengths import calibrated_lengths
 from .model import Board, DataSheet, Intrinsics, Observations, Poses, derived, project_boards
 from .posterior import laplace_draws, variance_shares

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..accuracy.statement import Accuracy, check_accuracy
-from .fit import StatisticsFit
+from .corner_statistics import StatisticsFit
 from .frames import Array, CalibrationError
 from .model import GLOBALS, QUANTITIES, DataSheet, derived
 from .sidedata import Combined, SideDatum, combine

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .fit import StatisticsFit
+from .corner_statistics import StatisticsFit
 from .frames import Array, CalibrationError
 from .misfit import DISAGREE
 from .model import DataSheet, derived

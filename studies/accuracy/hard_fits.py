@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from roslf_design.calibration.fit import _EpiLines, _step_two, _StepOne, fit_lines
+from roslf_design.calibration.epilines import EpiLines, fit_lines
+from roslf_design.calibration.fit import _step_two, _StepOne
 from roslf_design.calibration.model import Intrinsics, Observations, Poses, project_boards
 from roslf_design.design import Design
 from roslf_design.theory.light_field import back_substitute
@@ -88,7 +89,7 @@ def _two(depth: tuple[float, ...], slope: tuple[float, ...], A: float, q: float,
     pose = np.zeros((b, 6))
     pose[:, 5] = depth
     one = np.ones((b, 1))
-    lines = _EpiLines(np.zeros((b, 1, 2)), np.zeros((b, 1, 2)), np.array(slope)[:, None], one, np.ones((b, 1, 2)), 0.0)
+    lines = EpiLines(np.zeros((b, 1, 2)), np.zeros((b, 1, 2)), np.array(slope)[:, None], one, np.ones((b, 1, 2)), 0.0)
     first = _StepOne(Intrinsics(A, 0.0, 0.0, 0.0, 0.0, q=q, d=d), Poses.from_vector(pose), 0.0)
     observations = Observations(np.zeros((1, 3)), np.zeros((1, 2)), np.zeros((b, 1, 1, 2)))
     camera = _step_two(observations, lines, first).camera

@@ -20,7 +20,8 @@ from scipy import ndimage
 from roslf_design.calibration.centres import find_centres
 from roslf_design.calibration.corners import observe_pictures
 from roslf_design.calibration.decoding import LightField
-from roslf_design.calibration.fit import _step_one, fit_lines
+from roslf_design.calibration.epilines import fit_lines
+from roslf_design.calibration.fit import _step_one
 from roslf_design.calibration.frames import grey_frame, read_image
 from roslf_design.calibration.model import Board, project_boards, rotation_matrix
 from roslf_design.depth.captured import QUIET, disagreement, measured_noise, measured_with_noise, scaled, searched

@@ -25,8 +25,11 @@ from roslf_design.calibration import (
     undistorted_radius,
     variance_shares,
 )
+from roslf_design.calibration.corner_statistics import corner_statistics
 from roslf_design.calibration.diffraction import _view_disagreement
-from roslf_design.calibration.fit import Linear, _covariance_of, _refine, corner_statistics, fit_lines, settle
+from roslf_design.calibration.epilines import fit_lines
+from roslf_design.calibration.fit import _refine
+from roslf_design.calibration.least_squares import Linear, covariance_of, settle
 from roslf_design.calibration.model import GLOBALS, Markers, project_boards, rotation_matrix
 from roslf_design.camera import Camera as Whole
 from roslf_design.design import load
@@ -170,7 +173,7 @@ def test_fit_on_statistics_is_the_joint_fit():
     found = calibrate(captured(Captures(boards=8)), SHEET)
     plain, off = off_by(found)
     assert off < 1e-4
-    matrix = _covariance_of(plain.linear.information(), NAMES).matrix
+    matrix = covariance_of(plain.linear.information(), NAMES).matrix
     np.testing.assert_allclose(matrix, found.joint.covariance.matrix, rtol=1e-6)
     place, slope = scales(found)
     assert place == pytest.approx(1.0, abs=0.15)
@@ -275,11 +278,11 @@ def test_slopes_that_rise_with_inverse_depth_are_mirrored_views():
 
 def test_rank_loss_names_the_parameter():
     with pytest.raises(CalibrationError, match="do not determine x_0"):
-        _covariance_of(np.diag([1.0, 1.0, 1.0, 0.0, 1.0]), NAMES)
+        covariance_of(np.diag([1.0, 1.0, 1.0, 0.0, 1.0]), NAMES)
     information = np.eye(5)
     information[1:3, 1:3] = 1.0
     with pytest.raises(CalibrationError, match="do not determine m, d_2: rank loss"):
-        _covariance_of(information, NAMES)
+        covariance_of(information, NAMES)
 
 
 def test_too_few_corners_are_refused():

@@ -8,7 +8,8 @@ from PIL import Image
 from scipy import ndimage
 
 from roslf_design.calibration import Board, observe_pictures
-from roslf_design.calibration.fit import _step_one, fit_lines
+from roslf_design.calibration.epilines import fit_lines
+from roslf_design.calibration.fit import _step_one
 from roslf_design.calibration.model import project_boards, rotation_matrix
 from roslf_design.depth.estimate import PixelNoise, estimate_disparity
 from tests.depth.made import field_of
