@@ -31,7 +31,7 @@ TEMPERATURES = ("environment.range.0", "environment.range.1", "environment.calib
 NOT_NEGATIVE = ("read_noise", "prnu", "dsnu", "veil", "view_mismatch")
 """Last names of numbers that may be 0."""
 OPTIONAL = (
-    *("light.radiance", "light.exposure", "sensor.acceptance"),
+    *("light.radiance", "light.measured_at", "light.exposure", "sensor.acceptance"),
     *("depth.period", "depth.finest", "depth.disparity_error"),
     *TEMPERATURES,
 )

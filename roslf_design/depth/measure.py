@@ -36,7 +36,18 @@ from .crosstalk import with_shared_light
 from .dense import DenseMap
 from .estimate import DisparityMap, DisparityStatus, PixelNoise, Start, estimate_disparity
 from .geometry import ArrayGeometry, ViewGeometry, Viewing, disparity_of, sigma_of
-from .pictures import SLANT, Framed, PictureOptions, Unexposed, Work, chief_rays, default_scene, lattice_of, rays_for
+from .pictures import (
+    SLANT,
+    Framed,
+    PictureOptions,
+    Unexposed,
+    Work,
+    chief_rays,
+    default_scene,
+    lattice_of,
+    light_on,
+    rays_for,
+)
 from .traced_views import TracedViews
 from .unmixing import places_on_array
 from .windows import QUORUM
@@ -468,9 +479,7 @@ def simulate(
     wide = framed.wide.drawn()
     lattice = lattice_of(camera, wide)
     if lattice.pitch < 1:
-        message = (
-            f"microlens images {lattice.pitch:.3g} pixels apart give no depth; give a coarser pitch or finer pixels"
-        )
+        message = f"microlens images {lattice.pitch:.3g} pixels apart give no depth: coarser pitch, or finer pixels"
         raise InputError((Problem("microlens_array.pitch", message),))
     if actual.traced is not None:
         lattice = actual.traced.lattice(lattice, lattice.inside((wide.rows, wide.columns)), float(camera.q))
@@ -479,7 +488,7 @@ def simulate(
     if not inside.size or (np.ptp(inside, axis=0) < LEAST - 1).any():
         message = f"fewer than {LEAST} x {LEAST} microlens images lie in it; name a larger part of the sensor"
         raise InputError((Problem("region", message),))
-    mean = float(electrons(camera))
+    mean = light_on(scene, actual, part)
     work = Work.of(design, options, framed)
     if again is not None:
         work = work._replace(white=0.0, picture=0.0)
@@ -524,7 +533,8 @@ def simulate(
         )
         runs.append(run.within(rows, columns))
     true = true[rows, columns]
-    texture = assumed(design, scene, runs[0].disparities.window, level, float(np.isfinite(true).mean()))
+    seen = float(np.isfinite(true).mean())
+    texture = assumed(design, scene, runs[0].disparities.window, float(electrons(camera)) / full, seen)
     exposed = (picture.pixels * full + veil) / saturation
     return Trial(
         tuple(runs), true, _predict(texture, runs[0].field, true, actual.traced), scene, part,
@@ -605,7 +615,7 @@ def _predict(texture: Design, field: LightField, true: Array, traced: TracedView
         if math.isfinite(z):
             b, plane = disparity_of(camera, z), camera.plane(z)
             ahead = np.abs(product(camera.seen.inverse_m, ratio(plane.distance - camera.seen.d_3, camera.seen.gap)))
-            plane_seen = Seen(b, np.asarray(ahead * np.abs(plane.magnification)))
+            plane_seen = Seen(b, np.asarray(ahead * np.abs(plane.magnification)), z - camera.tip)
             # Of each direction of the texture images are out of focus by another part of the faults.
             bends = np.linalg.norm((aside[n] + b * pupil[n]) @ ways, axis=0)
             wide = camera["aperture.diameter"] * math.sqrt(abs(np.linalg.det(image[n])))

@@ -28,7 +28,7 @@ from ..scenes import Noise, Plane, Scene
 from ..scenes.scene import chief_ray_limits
 from ..shapes.lattice import PACKINGS
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
-from ..theory.photometry import electrons
+from ..theory.photometry import electrons, source_in_tip
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from .geometry import ArrayGeometry, depth_of, disparity_of
@@ -193,6 +193,8 @@ class Unexposed(NamedTuple):
         shown = partial(render, design, seed=seed, region=framed.wide, inner=right)
         white = shown(None, effects=lines, sampling=replace(sampling, side=0), progress=white_progress)
         over = scene.brightness if scene.white is None and scene.surfaces else 0.0
+        geometry = ArrayGeometry(design)
+        over *= light_on(scene, geometry, framed.region) / float(electrons(geometry.camera))
         picture = shown(quiet, effects=lines, over=over, sampling=sampling, progress=progress)
         # Rays tell only what the scene is brighter or darker than its mean, which the white picture has without them.
         return cls(replace(picture, pixels=picture.pixels + np.float32(over) * white.pixels), white)
@@ -240,13 +242,28 @@ def _stretched(design: Design) -> float:
     return max(1.0, float(most) / float(QUANTITIES["object_sample_mm"](geometry.camera)))
 
 
+def _distances_seen(scene: Scene, geometry: ArrayGeometry, region: Region) -> Array:
+    """Distances Z of what chief rays at some places of a region meet of a scene [mm], inf where they meet nothing."""
+    places = _looked_at(geometry.camera, region)
+    return seen_distances(scene, geometry.camera, chief_rays(geometry.camera, geometry.traced, places))
+
+
+def light_on(scene: Scene, geometry: ArrayGeometry, region: Region) -> float:
+    """Mean electrons of fully lit pixels of a region, where a scene is as bright as on average."""
+    camera = geometry.camera
+    if not source_in_tip(camera):
+        return float(electrons(camera))
+    met = _distances_seen(scene, geometry, region)
+    ahead = met[np.isfinite(met)] - camera.tip
+    return float(np.mean(electrons(camera, ahead if ahead.size else None)))
+
+
 def _beside(design: Design, scene: Scene | None, region: Region) -> float:
     """Microlenses beside a region that are measured as well: `BESIDE`, and as many as views look past it."""
     geometry = ArrayGeometry(design)
     camera, beside = geometry.camera, BESIDE + _aside(design, region) / 2
     if scene is not None:
-        places = _looked_at(camera, region)
-        met = seen_distances(scene, camera, chief_rays(camera, geometry.traced, places))
+        met = _distances_seen(scene, geometry, region)
         beside += float(np.abs(disparity_of(camera, met[np.isfinite(met)])).max(initial=0.0)) / 2
     return beside
 

@@ -465,14 +465,17 @@ class Light(Part):
     """lambda [mm]."""
     illuminance: Illuminance = 1e5
     """Illuminance on the scene, in its medium [lx]; about what a surgical light gives (IEC 60601-2-41: 40 000 to 160
-    000). The same at every distance: light from a source in the tip falls as 1/z^2, so give what it has at the distance
-    that you ask about."""
+    000)."""
     reflectance: Annotated[float, Field(gt=0, le=1)] = 0.3
     """Reflectance of the scene, on average."""
     radiance: Radiance | None = None
     """Radiance of the scene, in its medium, on average [W/m^2/sr]; None where illuminance and reflectance give it."""
+    measured_at: Length | None = None
+    """Distance ahead of the tip at which the scene has that illuminance or radiance, of a source in the tip [mm]: from
+    there it falls as 1/z^2, which holds from a few diameters of the tip on. None: as bright at every distance."""
     exposure: Time | None = None
-    """[s]; None is 1/60 s, or shorter where the scene's mean would fill more than half the full well."""
+    """[s], at every distance; None is 1/60 s, or shorter where the scene's mean would fill more than half the full
+    well, at `measured_at`."""
     transmission: Annotated[float, Field(gt=0, le=1)] = 0.95
     """Transmission of all optics together."""
     veil: Annotated[float, Field(ge=0, lt=1)] = 0.0

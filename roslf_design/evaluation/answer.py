@@ -13,7 +13,7 @@ from ..bore.mapping import angle_map
 from ..lenses.angles import F_TAN
 from ..options import Distance, check_distances
 from ..theory import tube
-from ..theory.depth_budget import COVERAGE, OVERLAP, DepthBudget, depth_budget
+from ..theory.depth_budget import COVERAGE, FULL, OVERLAP, DepthBudget, depth_budget
 from ..theory.depth_error import temperatures_met
 from ..theory.field_of_view import focus_ahead
 from ..theory.focused import has_views
@@ -68,7 +68,7 @@ class _AtDistance:
         field = f"{number(self.width_mm, 3)} x {number(self.height_mm, 3)} mm"
         if self.expanded_mm is None:
             return where, field, "-", "-", "-"
-        told = math.isfinite(self.expanded_mm) or self.mostly == OVERLAP
+        told = math.isfinite(self.expanded_mm) or self.mostly in (OVERLAP, FULL)
         depth = uncertainty(self.expanded_mm, 2, "± "), self.mostly if told else ""
         if self.usable_lp_per_mm is None:
             return where, field, *depth, "none"
@@ -108,6 +108,8 @@ class FirstAnswer:
     working_range_lengths: str | None
     """Lengths that the working range counts: "as drawn", "as built" or "as calibrated"; None where pixels are no
     views."""
+    full_within_mm: float
+    """Distance ahead of the tip nearer than which a source there fills the pixels; 0 of even light."""
     corner_light: float
     """Light at the corner of the field over that in the middle."""
     corner_slant: float
@@ -183,7 +185,7 @@ class FirstAnswer:
                 own = (plane == FOCUS and budget) or depth_budget(
                     camera, None if plane == FOCUS else distance, build=build, calibration=calibration
                 )  # fmt: skip
-                u, expanded, mostly = float(own.u_z_mm), float(own.expanded_mm), own.largest.name
+                u, expanded, mostly = float(own.u_z_mm), float(own.expanded_mm), own.cause
                 caution = own.caution
                 detail = resolved(images, 0, (plane, distance), "refocused")
                 lines, limit = detail.usable_lp_per_mm, detail.limited_by
@@ -266,7 +268,8 @@ class FirstAnswer:
         ]
         if self.sharp_views_mm is not None:
             useful = math.nan if self.useful_to_mm is None else self.useful_to_mm
-            within = WorkingRange(*self.sharp_views_mm, useful, self.working_range_lengths or "")
+            lengths = self.working_range_lengths or ""
+            within = WorkingRange(*self.sharp_views_mm, useful, lengths, self.full_within_mm)
             rows.append((within.label, within.value, within.remark))
         light = f"{number(100 * self.corner_light, 3)} %"
         more = "; the lens draws the scene smaller there" if self.corner_light > SMALLER else ""

@@ -144,7 +144,9 @@ class DepthAssumptions:
     """Light, texture and matching that a disparity error is predicted for."""
 
     electrons: float
-    """In a pixel that its microlens lights fully, where the scene is as bright as on average."""
+    """In a pixel that its microlens lights fully, where the scene is as bright as on average, at the focal plane."""
+    full_within_mm: float
+    """Distance ahead of the tip nearer than which a source there fills the pixels; 0 of light as bright everywhere."""
     exposure_s: float
     contrast: float
     """Rms, in each octave of detail or of the one period."""
@@ -176,8 +178,11 @@ class DepthAssumptions:
     def facts(self) -> list[tuple[str, str, str]]:
         """Name, value, remark."""
         lenses, exposure = f"{self.window:g} x {self.window:g}", f"in {number(1e3 * self.exposure_s, 3)} ms"
+        spread = "as bright at every distance"
+        if self.full_within_mm:
+            spread = f"in focus; by 1/z² from the tip: pixels saturate nearer than {number(self.full_within_mm, 3)} mm"
         return [
-            ("light", f"{number(self.electrons, 4)} e- a pixel", f"{exposure}, as bright at every distance"),
+            ("light", f"{number(self.electrons, 4)} e- a pixel", f"{exposure}, {spread}"),
             ("texture, rms contrast", f"{self.contrast:.3g}", self.detail),
             ("microlenses matched", lenses, f"of {self.views:.0f} independent views"),
         ]

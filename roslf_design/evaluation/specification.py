@@ -30,7 +30,7 @@ from ..theory.disparity_error import view_gradient
 from ..theory.focused import FocusedArray, has_views
 from ..theory.light import on_array
 from ..theory.limits import as_design
-from ..theory.photometry import exposure, through_filter
+from ..theory.photometry import exposure, full_within, through_filter
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import Quantity, Way
 from ..theory.resolution import Direction
@@ -624,6 +624,7 @@ def depth_assumptions(design: Design, camera: Camera, error: float) -> DepthAssu
     across = min(float(QUANTITIES[name](camera)) for name in ("views_independent", "views_geometric"))
     return DepthAssumptions(
         electrons=float(QUANTITIES["pixel_electrons"](camera)),
+        full_within_mm=float(full_within(camera)),
         exposure_s=float(exposure(camera)),
         contrast=design.depth.contrast,
         period_mm=design.depth.period,

@@ -593,7 +593,8 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
         room, overlap = float(full_level(camera) * LARGEST_FILL), float(fill_factor(camera)) > 1 + FEASIBLE
         cause, ways = "", "a shorter light.exposure"  # where a veil takes the room
         if room < (LARGEST_FILL if overlap else 1 - FEASIBLE):
-            ways = f"light.exposure of {number(1e3 * room * float(exposure(camera)), 3)} ms or less, or none given,"
+            other = ", or none given," * (design.light.measured_at is None)
+            ways = f"light.exposure of {number(1e3 * room * float(exposure(camera)), 3)} ms or less{other}"
         elif overlap:
             cause = ", where light of neighbouring images adds up"
             ways = "images that do not overlap or a shorter exposure"

@@ -11,7 +11,8 @@ from ..camera import Camera
 from ..theory.depth_budget import DepthBudget, depth_budget
 from ..theory.depth_of_field import depth_of_field
 from ..theory.field_of_view import focus_ahead
-from ..words import number
+from ..theory.photometry import full_within
+from ..words import clauses, number
 
 TENTH = 0.1
 """Share of the distance up to which its expanded uncertainty U leaves depth of use."""
@@ -37,21 +38,25 @@ class WorkingRange(NamedTuple):
     """Farthest of these at which U is a tenth of the distance at most; infinite without end, NaN if none is."""
     lengths: str = "as drawn"
     """How its budget of depth takes lengths."""
+    full_within: float = 0.0
+    """Distance nearer than which a source in the tip fills the pixels; 0 of even light."""
 
     @classmethod
     def of(cls, camera: Camera, budget: BudgetAt | None = None) -> WorkingRange:
         """Range of a camera, by its budget of depth; None is that of its lengths as drawn."""
         near, far = (float(end) for end in depth_of_field(camera, "view"))
-        focus = float(focus_ahead(camera))
+        focus, full = float(focus_ahead(camera)), float(full_within(camera))
         start = focus if 0 < focus < math.inf else FAR
+        start = start if start > full else min(math.exp(GUESS) * full, far)
         budget = budget or partial(depth_budget, camera)
         focused = budget(start, worst=False)
-        return cls(near, far, _useful_to(budget, near, start, focused, far), focused.lengths)
+        return cls(near, far, _useful_to(budget, max(near, full), start, focused, far), focused.lengths, full)
 
     @property
     def ends(self) -> tuple[float, float] | None:
         """Near and far end; None where depth is of little use wherever views are sharp."""
-        return (self.near, min(self.sharp_to, self.useful_to)) if self.useful_to > self.near else None
+        near = max(self.near, self.full_within)
+        return (near, min(self.sharp_to, self.useful_to)) if self.useful_to > near else None
 
     @property
     def label(self) -> str:
@@ -64,24 +69,35 @@ class WorkingRange(NamedTuple):
         return "none" if self.ends is None else _from_to(*self.ends)
 
     @property
+    def begins(self) -> str:
+        """Reason why it begins where it does, in words; empty where single views are sharp from there on."""
+        return "from where the light fills pixels no more" if self.full_within > self.near else ""
+
+    @property
     def remark(self) -> str:
         """Reason why it ends there, in words."""
         if self.ends is None:
-            return f"single views are sharp from {_from_to(self.near, self.sharp_to)}, but {RULE} or more there"
+            return clauses(
+                f"single views are sharp from {_from_to(self.near, self.sharp_to)}, but {RULE} or more there",
+                f"pixels are full nearer than {number(self.full_within, 3)} mm" * bool(self.begins),
+            )
         if self.useful_to < self.sharp_to:
             far = "infinity" if math.isinf(self.sharp_to) else f"{number(self.sharp_to, 3)} mm"
-            return f"to where {RULE}; views are sharp to {far}"
-        return "where single views are sharp"
+            return clauses(self.begins, f"to where {RULE}; views are sharp to {far}")
+        return clauses(self.begins, "where single views are sharp")
 
 
 def ranges(
     within: WorkingRange | None,
-) -> tuple[tuple[float, float] | None, tuple[float, float] | None, float | None, str | None]:
-    """Working range, range of sharp views, how far depth is of use and by which lengths; None for what there is not."""
+) -> tuple[tuple[float, float] | None, tuple[float, float] | None, float | None, str | None, float]:
+    """Ends of the working range and of sharp views, how far depth is of use, by which lengths, where pixels are full.
+
+    None for what there is not.
+    """
     if within is None:
-        return None, None, None, None
+        return None, None, None, None, 0.0
     useful = None if math.isnan(within.useful_to) else within.useful_to
-    return within.ends, (within.near, within.sharp_to), useful, within.lengths
+    return within.ends, (within.near, within.sharp_to), useful, within.lengths, within.full_within
 
 
 def _from_to(near: float, far: float) -> str:

@@ -33,6 +33,7 @@ from ..scenes import Scene
 from ..shapes.lattice import Lattice, lens_centres
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus_blur
+from ..theory.photometry import source_in_tip
 from ..traced.camera import LensCamera, camera_of, chief_slope, microlenses, tilted_parts, views
 from .camera import Floats, Image, Region, pixel_centres, straightened
 from .surfaces import BLOCK_ROWS, LIGHT, SLOPE_X, SLOPE_Y, Surfaces, X, Y, encode, look
@@ -156,7 +157,7 @@ class _RealLensTracer:
             np.where(np.isfinite(boxes).all(1, keepdims=True), boxes, 0.0),
             tuple(_way(mounted, wave, forced) for wave in waves),
             np.array(sight, float),
-            encode(scene, design.d_f, camera.chain.mirrored, over) if level is None else None,
+            encode(scene, design.d_f, camera.chain.mirrored, over, source_in_tip(camera)) if level is None else None,
             0.0 if level is None else level,
             finite,
             not plan.on("object_defocus") and not camera.mapping.bends,
@@ -345,8 +346,8 @@ def _deposit(total: Any, rows: Any, columns: Any, light: Any) -> None:
 
 @kernel()
 def _shade_rays(
-    rows: Any, pictures: Any, beyond: float, mirrored: Any, over: float, mouth: float, d_3: float, d_f: float,
-    in_focus: bool, through: bool, sight: Any, lens_x: float, lens_y: float, x: Any, y: Any, slope_x: Any,
+    rows: Any, pictures: Any, beyond: float, mirrored: Any, over: float, source: float, mouth: float, d_3: float,
+    d_f: float, in_focus: bool, through: bool, sight: Any, lens_x: float, lens_y: float, x: Any, y: Any, slope_x: Any,
     slope_y: Any, weight: Any, out: Any,
 ) -> None:  # fmt: skip
     """Radiance that object-side rays (points on the FAP's plane and slopes) meet, where their weight is above 0."""
@@ -368,6 +369,6 @@ def _shade_rays(
             block[X + m], block[Y + m], block[SLOPE_X + m], block[SLOPE_Y + m] = hx, hy, ox, oy
             which[m] = i
             m += 1
-        look(rows, pictures, beyond, mirrored, over, mouth, block, m)
+        look(rows, pictures, beyond, mirrored, over, source, mouth, block, m)
         for i in range(m):
             out[which[i]] = block[LIGHT + i]

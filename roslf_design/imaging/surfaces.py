@@ -48,9 +48,13 @@ class Surfaces(NamedTuple):
     """Direction across the axis along which the scene is seen reversed, (2,); 0 where it is not."""
     over: float
     """Radiance above which what rays meet is counted."""
+    source: float
+    """Distance beyond the mouth at which surfaces have their radiance, of a source there [mm]; 0 of even light."""
 
 
-def encode(scene: Scene, focal_plane: float, mirrored: Floats = NOWHERE, over: float = 0.0) -> Surfaces:
+def encode(
+    scene: Scene, focal_plane: float, mirrored: Floats = NOWHERE, over: float = 0.0, source: float = 0.0
+) -> Surfaces:
     """Lay a scene out for the kernels; planes that give no distance lie at `focal_plane`, d_f [mm]."""
     rows: list[Floats] = []
     pictures: list[Image] = [np.zeros(1, np.float32)]
@@ -76,7 +80,7 @@ def encode(scene: Scene, focal_plane: float, mirrored: Floats = NOWHERE, over: f
         look, levels = _texture(thing.texture, pictures)
         row[LOOK], row[LEVELS : LEVELS + len(levels)] = look, levels
         rows.append(row)
-    return Surfaces(np.array(rows).reshape(-1, WIDTH), np.concatenate(pictures), beyond, mirrored, over)
+    return Surfaces(np.array(rows).reshape(-1, WIDTH), np.concatenate(pictures), beyond, mirrored, over, source)
 
 
 def _texture(texture: Part, pictures: list[Image]) -> tuple[int, tuple[float, ...]]:
@@ -185,7 +189,9 @@ def _numbers(row: Any) -> Any:
 
 
 @kernel()
-def look(rows: Any, pictures: Any, beyond: float, mirrored: Any, over: float, mouth: float, rays: Any, m: int) -> None:
+def look(
+    rows: Any, pictures: Any, beyond: float, mirrored: Any, over: float, source: float, mouth: float, rays: Any, m: int
+) -> None:  # fmt: skip
     """Radiance over `over` of what a block's rays (hx - ox Z, hy - oy Z) meet first beyond the bore's mouth.
 
     Distances are FAR, and numbers of surfaces -1, where they meet nothing.
@@ -227,6 +233,10 @@ def look(rows: Any, pictures: Any, beyond: float, mirrored: Any, over: float, mo
             for i in range(m):
                 light = _pictured(s, rays[U + i], rays[V + i], pictures) - over
                 rays[LIGHT + i] = light if rays[HIT + i] == n else rays[LIGHT + i]
+    if source > 0.0:
+        for i in range(m):
+            lit = source / (rays[NEAR + i] - mouth) if rays[HIT + i] >= 0.0 else 1.0
+            rays[LIGHT + i] = (rays[LIGHT + i] + over) * lit * lit - over
 
 
 def met(surfaces: Surfaces, mouth: float, rays: Floats) -> tuple[Floats, Floats]:

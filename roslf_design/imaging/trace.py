@@ -46,6 +46,7 @@ from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import chief_slope
 from ..theory.object_space import ObjectSpaceFaces, outwards
+from ..theory.photometry import source_in_tip
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
 from .surfaces import (
     BLOCK_ROWS,
@@ -203,7 +204,7 @@ class Tracer:
             lattice,
             layout,
             np.array(flags),
-            encode(scene, design.d_f, camera.chain.mirrored, over),
+            encode(scene, design.d_f, camera.chain.mirrored, over, source_in_tip(Camera.of(design))),
             _kicks(camera.fap.outline.sized(abs(float(camera.seen.D_F))), wavelengths) if kicked else np.zeros((1, 5)),
             float(chief_slope(camera)) if plan.on("cos4") else 0.0,
             float(Camera.of(design).tip),
@@ -532,7 +533,7 @@ def _trace(
 ) -> int:  # fmt: skip
     """How many rays it took to trace pixels; tuples as `Tracer.image` makes them."""
     k, maps, rims, front, law, shade = layout
-    rows, pictures, beyond, mirrored, over = surfaces
+    rows, pictures, beyond, mirrored, over, source = surfaces
     mouth, d_3, d_f = lengths
     inverse, wide = lattice[2], 2 * lattice[4] + 3
     across, along = int(abs(inverse[0, 0]) * STRIP * pixel) + wide, int(abs(inverse[1, 0]) * STRIP * pixel) + wide
@@ -571,7 +572,7 @@ def _trace(
                             _keep_nearest(strip, mine, w, count, rays)
                         _through_lens(flags[POSED], k, maps, rims, rays, count * w)
                         _to_scene(space, flags, k, front, law, d_3, d_f, rays, count * w)
-                        look(rows, pictures, beyond, mirrored, over, mouth, rays, count * w)
+                        look(rows, pictures, beyond, mirrored, over, source, mouth, rays, count * w)
                         for r in range(count):
                             part = GROUPS if done == 0 else GROUPS // 2
                             group = GROUPS - part + (first + r - done) * part // more

@@ -26,7 +26,7 @@ from .depth_error import (
 )
 from .disparity_error import axial_disparity_sigmas
 from .length_covariance import CalibratedLengths, LengthCovariance
-from .photometry import NOTHING, Beside, full_level
+from .photometry import NOTHING, Beside, electrons, full_level
 from .quantity import Depth
 
 COVERAGE = 2
@@ -100,10 +100,15 @@ class DepthBudget:
         return max(known, key=lambda term: _typical(term.u_mm))
 
     @property
+    def cause(self) -> str:
+        """Name of the largest term, or that pixels are full where that is why it is infinite."""
+        return FULL if FULL in self.largest.remark else self.largest.name
+
+    @property
     def mostly(self) -> str:
         """Its largest term, lengths that are taken as drawn, and the caution."""
         drawn = f"{BUILT} not in it" * self.as_drawn
-        return clauses(f"mostly {self.largest.name}", drawn, self.caution)
+        return clauses(FULL if self.cause == FULL else f"mostly {self.cause}", drawn, self.caution)
 
     @property
     def caution(self) -> str:
@@ -200,7 +205,7 @@ def depth_budget(
             BudgetTerm(VEIL, "B", "precision", None, GIVEN),
         ]
     else:
-        full, veil = bool(np.any(np.isinf(noise) & (full_level(c) < 1))), _added(hazy, uneven)
+        full, veil = bool(np.any(np.isinf(noise) & (full_level(c, electrons(c, at)) < 1))), _added(hazy, uneven)
         share = f"{_percent(c['light.veil'])} of full scale"
         terms = [
             BudgetTerm(NOISE, "B", "precision", noise, "the bound" + f"; {FULL}" * full),

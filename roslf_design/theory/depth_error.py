@@ -41,7 +41,7 @@ def depth_at(c: Camera, at: Depth | Array) -> Array:
 def seen_at(c: Camera, at: Depth | Array) -> Seen:
     """A plane `at` [mm] ahead of the bore's tip, or the focal plane."""
     focus = np.zeros(()) if at is None else light_field.rim_disparity(c, depth_at(c, at))
-    return Seen(focus, light.object_scale(c, at))
+    return Seen(focus, light.object_scale(c, at), at)
 
 
 def depth_error(c: Camera, at: Depth | Array, sigma: Number | None = None, beside: Beside = NOTHING) -> Array:

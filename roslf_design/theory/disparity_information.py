@@ -50,6 +50,8 @@ class Seen(NamedTuple):
     """B there [microlens pitches]; 0 is the focal plane."""
     scale: Array
     """Millimetres on it per millimetre of the array."""
+    at: Number | None = None
+    """Distance ahead of the tip that its light is of [mm]; None is the focal plane."""
 
 
 class Spectrum(NamedTuple):
@@ -214,7 +216,7 @@ def rows_of(
     pitch = magnitude(microlens_image_pitch(c))
     bend = ratio(plane.disparity * pitch, magnitude(microlens_image_diameter(c)))
     defocus = -microlens_defocus(c) / c.seen.d_2
-    light = electrons(c) * images.level * response(c, np.hypot(*images.microlens[:2]))
+    light = electrons(c, plane.at) * images.level * response(c, np.hypot(*images.microlens[:2]))
     noises: list[tuple[Number, Number, Number, Number]] = []
     for beside in besides:
         uneven = np.square(beside.share)

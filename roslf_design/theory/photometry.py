@@ -12,6 +12,7 @@ from ..camera import Camera, Number
 from ..design.parts import PATHS
 from .colours import BANDS, PIXEL_FILTERS, ColourFilter
 from .exit_pupil import microlens_image_diameter
+from .field_of_view import focus_ahead
 from .lens_shapes import LENS_SHAPES
 
 PLANCK = 6.62607015e-34
@@ -103,12 +104,36 @@ def exposure(c: Camera) -> Array:
     return np.asarray(np.where(np.real(filled) < LONGEST_EXPOSURE, filled, LONGEST_EXPOSURE))[()]
 
 
-def electrons(c: Camera) -> Array:
+def lit(c: Camera, at: Number | None = None) -> Number:
+    """Light of the scene `at` a distance ahead of the tip [mm], or at the focal plane, over what is stated of it.
+
+    1 everywhere unless a source in the tip lights it: then ``(z_0/z)^2``, of a source small beside z.
+    """
+    stated = c.numbers.get("light.measured_at")
+    return 1.0 if stated is None else np.square(ratio(stated, focus_ahead(c) if at is None else at))
+
+
+def electrons(c: Camera, at: Number | None = None) -> Array:
     """Electrons of an exposure in a pixel that its microlens lights fully, where the scene is as bright as on average.
 
-    More than the full well where the exposure given is too long: the sensor then tells nothing.
+    More than the full well where the exposure given is too long: the sensor then tells nothing. `at` as for `lit`.
     """
-    return np.asarray(product(_electron_rate(c), exposure(c)))
+    return np.asarray(product(product(_electron_rate(c), exposure(c)), lit(c, at)))
+
+
+def source_in_tip(c: Camera) -> float:
+    """Distance ahead of the tip at which pictures of what a source there lights are as bright as their scene says [mm].
+
+    That of the focal plane; 0 of even light, and where nothing is lit there.
+    """
+    focus = float(focus_ahead(c))
+    return focus if "light.measured_at" in c.numbers and 0 < focus < math.inf else 0.0
+
+
+def full_within(c: Camera) -> Array:
+    """Distance ahead of the tip nearer than which a source there fills such a pixel [mm]; 0 of even light."""
+    stated, room = c.numbers.get("light.measured_at", 0.0), c["sensor.full_well"] - veil_electrons(c)
+    return np.asarray(stated * np.sqrt(ratio(product(_electron_rate(c), exposure(c)), room)))
 
 
 def veil_electrons(c: Camera) -> Number:
@@ -126,15 +151,17 @@ def veil_level(c: Camera, fully_lit: Number | None = None) -> Array:
     return np.asarray(product(c["light.veil"], full_level(c, fully_lit)))
 
 
-def contrast_left(c: Camera, light: Number = 1.0) -> Array:
+def contrast_left(c: Camera, at: Number | None = None, light: Number = 1.0) -> Array:
     """Share of a picture's contrast that is left on the veil, ``1/(1 + veil/mean)``: a factor of every MTF.
 
     Parameters
     ----------
+    at : float or ndarray, optional
+        As for `lit`.
     light : float or ndarray
         Light of the pixels over that of fully lit ones on the axis.
     """
-    own = electrons(c) * light
+    own = electrons(c, at) * light
     return np.asarray(np.where(own > 0, ratio(own, own + veil_electrons(c)), 1.0))
 
 

@@ -204,7 +204,7 @@ def _diameters(c: Camera, _: Depth) -> Array:
 
 def _resolved(level: float) -> Callable[[Camera, Depth], Array]:
     def of(c: Camera, at: Depth) -> Array:
-        on_array = resolution.axial_limit(c, image_rate(c, at), level)
+        on_array = resolution.axial_limit(c, image_rate(c, at), level, at)
         return ratio(on_array, light.object_scale(c, at))
 
     return of
@@ -945,8 +945,10 @@ _EVERY = (
     Quantity(
         "pixel_electrons",
         "e-",
-        "electrons in a pixel that its microlens lights fully, where the scene is as bright as on average",
-        _whole(photometry.electrons),
+        "electrons in a pixel that its microlens lights fully, where the scene is as bright as on average, at a "
+        "distance ahead of the tip or at the focal plane",
+        photometry.electrons,
+        at="optional",
         monotone=False,
         label="electrons a pixel",
     ),

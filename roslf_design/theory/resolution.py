@@ -129,7 +129,7 @@ class _Lenslet(NamedTuple):
         return np.asarray(np.sinc(frequency * self.pixel * axes[0]) * np.sinc(frequency * self.pixel * axes[1]))
 
 
-def axial_limit(c: Camera, rate: Number, level: float) -> Array:
+def axial_limit(c: Camera, rate: Number, level: float, at: Number | None = None) -> Array:
     """Frequency on the array at which the refocused image's MTF on the axis falls to a level [1/mm].
 
     Parameters
@@ -140,8 +140,10 @@ def axial_limit(c: Camera, rate: Number, level: float) -> Array:
         rho of the plane refocused to.
     level : float
         Above 0 and below 1.
+    at : float or ndarray, optional
+        Its distance ahead of the tip [mm]; None is the focal plane.
     """
-    lens, wanted = _Lenslet.of(c), level / contrast_left(c)
+    lens, wanted = _Lenslet.of(c), level / contrast_left(c, at)
     diameter = magnitude(microlens_image_diameter(c))
     shape = np.broadcast_shapes(c.shape, np.shape(rate))
     reach = ratio(1.0, c.wavelength * c.seen.d_2 / diameter)

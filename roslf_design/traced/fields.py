@@ -58,10 +58,10 @@ GAUSS = 1 / math.sqrt(3)
 """Two places so far from the middle of a stretch have its mean, of cubic polynomials."""
 
 
-def _contrast(images: MicrolensImages, field: int) -> float:
-    """Share of the contrast that the veil leaves at a field."""
+def _contrast(images: MicrolensImages, field: int, at: float | None) -> float:
+    """Share of the contrast that the veil leaves at a field, of a plane ahead of the tip or of the focal plane."""
     light = images.level * response(images.camera, np.hypot(*images.microlens[:2]))
-    return float(contrast_left(images.camera, np.broadcast_to(light, (len(images.fields), 1))[field, 0]))
+    return float(contrast_left(images.camera, at, np.broadcast_to(light, (len(images.fields), 1))[field, 0]))
 
 
 class IdealImages(MicrolensImages):
@@ -84,7 +84,7 @@ class IdealImages(MicrolensImages):
             along,
             across,
             (x / away, y / away) if away > 1e-12 * float(camera.d) else (1.0, 0.0),
-            _contrast(self, field),
+            _contrast(self, field, at),
         )
 
 
@@ -131,7 +131,7 @@ class DesignImages(LensImages):
             float(image_rate(self.camera, at)),
             *self._scales(field, at),
             (float(place[0] / away), float(place[1] / away)) if away > 1e-12 * float(self.camera.d) else (1.0, 0.0),
-            _contrast(self, field),
+            _contrast(self, field, at),
             outline,
             beam or _Beam(Polynomials(np.zeros(2), np.ones(2), np.zeros((2, 1, 1))), 0.0),
         )

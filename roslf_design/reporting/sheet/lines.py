@@ -45,7 +45,7 @@ from ...tables import csv_bytes
 from ...theory.colours import GREEN
 from ...theory.depth_budget import COVERAGE, DepthBudget, depth_budget
 from ...theory.field_of_view import focus_ahead
-from ...theory.photometry import through_filter
+from ...theory.photometry import full_within, through_filter
 from ...theory.quantities import QUANTITIES, noise_words
 from ...theory.quantity import Listed, Quantity
 from ...theory.stop_images import MicrolensImages
@@ -295,7 +295,7 @@ def _lines(
     yield from _whole_camera("Field of view", camera, angles)
     near, far = sheet.depth_of_field_mm.view
     useful = math.nan if sheet.useful_to_mm is None else sheet.useful_to_mm
-    yield from _range_lines(WorkingRange(near, far, useful, budgets[None].lengths))
+    yield from _range_lines(WorkingRange(near, far, useful, budgets[None].lengths, float(full_within(camera))))
     yield from _whole_camera("Distances", camera, {})
     yield from _expected_lines(budgets)
     yield from _depth_lines(sheet, traced, shown.outermost == RIM)
@@ -409,9 +409,8 @@ def _range_lines(within: WorkingRange) -> Iterator[_SheetLine]:
         return
     near, far = within.ends
     sharp = "view_depth_of_field_{}_mm"  # whose scatter over builds is an end's where sharpness ends it
-    yield _SheetLine(
-        "Distances", f"{within.label}, near", near, "mm", "where single views are sharp", sharp.format("near")
-    )
+    begins, own = within.begins or "where single views are sharp", "" if within.begins else sharp.format("near")
+    yield _SheetLine("Distances", f"{within.label}, near", near, "mm", begins, own)
     own = "" if far < within.sharp_to else sharp.format("far")
     yield _SheetLine("Distances", f"{within.label}, far", far, "mm", within.remark, own)
 
