@@ -19,7 +19,7 @@ from ..options import Distance, check_distances
 from ..tables import Table, plain_text, print_table
 from ..theory.depth_budget import COVERAGE, KINDS, BudgetTerm, DepthBudget
 from ..theory.focused import FocusedArray
-from ..theory.quantities import PREDICTED_NOISE, QUANTITIES, noise_words, quantity_named
+from ..theory.quantities import EXPANDED, PREDICTED_NOISE, QUANTITIES, noise_words, quantity_named
 from ..theory.quantity import Quantity
 from ..words import fixed, number, place, spaced, uncertainty
 from .answer import MEANT, FirstAnswer
@@ -49,6 +49,7 @@ SYMBOLS = (
 
 AT_DISTANCES: dict[str, tuple[str, float]] = {
     "u_z_mm": ("u_z_mm", 1.0),
+    EXPANDED: ("expanded_mm", 1.0),
     "detail_lp_per_mm": ("usable_lp_per_mm", 1.0),
     **{f"field_half_{way}_mm": (f"{way}_mm", 0.5) for way in ("width", "height", "diagonal")},
 }
@@ -115,7 +116,7 @@ class Evaluation:
         return getattr(self, name) if name else self
 
     def value(self, quantity: Quantity | str, at: Distance | None = None) -> Any:
-        """Value of a quantity that is `evaluated`, or of its name; u_z_mm of the focal plane.
+        """Value of a quantity that is `evaluated`, or of its name; u and U of the focal plane.
 
         Depth, expected, field and detail also `at` a distance ahead of the tip that was evaluated, and as its tables
         have them: of rays behind a real lens; None where nothing tells it.
@@ -130,8 +131,8 @@ class Evaluation:
         quantity = quantity_named(quantity) if isinstance(quantity, str) else quantity
         if at is not None:
             return self._at_distance(quantity.name, check_distances(at)[0])
-        if quantity.name == "u_z_mm":
-            return float(self.depth_budget.u_z_mm)
+        if quantity.name in ("u_z_mm", EXPANDED):
+            return float(self.depth_budget.u_z_mm if quantity.name == "u_z_mm" else self.depth_budget.expanded_mm)
         if quantity.evaluated is None:
             name = quantity.name
             raise ValueError(f"holds no {name}; ask roslf.quantity({name!r}) of roslf.Camera.of(design)")

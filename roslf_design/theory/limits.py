@@ -12,7 +12,8 @@ from ..design.check import DesignError
 from ..design.required import Required, readable
 from ..errors import Problem, expect
 from ..toml_files import parse_toml, read_toml
-from .quantities import quantity_named
+from .depth_budget import COVERAGE
+from .quantities import EXPANDED, QUANTITIES, quantity_named
 from .quantity import Quantity
 
 PLACES = 'field = "corner", object_height = "5 mm" or field_angle = "30 deg"'
@@ -91,6 +92,10 @@ def _read(required: Iterable[Required]) -> tuple[list[Limits], list[Problem]]:
                 ends[side] = None if value is None else quantity.limit(value)
             except ValueError as error:
                 problems.append(Problem(f"{key}.{side}", str(error)))
+        if quantity.name == EXPANDED:  # verdicts, budgets and calibrations are those of u
+            quantity = QUANTITIES["u_z_mm"]
+            asked = asked.model_copy(update={"quantity": quantity.name})
+            ends = {side: None if value is None else value / COVERAGE for side, value in ends.items()}
         if fault := _fault(asked, quantity, ends["min"], ends["max"]):
             problems.append(Problem(key, fault))
         read.append((asked, quantity, ends["min"], ends["max"]))

@@ -37,6 +37,7 @@ from . import (
     tube,
     vignetting,
 )
+from .depth_budget import COVERAGE
 from .depth_error import (
     depth_at,
     depth_error,
@@ -50,6 +51,9 @@ from .disparity_error import axial_disparity_sigma
 from .light import SensorField
 from .quantity import Depth, Listed, Quantity
 from .stop_images import MicrolensImages
+
+EXPANDED = "expanded_u_z_mm"
+"""Name of U, twice `u_z_mm`."""
 
 
 def quantity_named(name: str) -> Quantity:
@@ -71,7 +75,7 @@ def quantity_named(name: str) -> Quantity:
     if table and not difflib.get_close_matches(name, QUANTITIES, 1, SLIP):
         remedy = f"what its {table.replace('_', ' ')} is, keys of the design state: `roslf keys {table}`"
     if "'u_z_mm'" in remedy:  # U is what data sheets quote
-        remedy += " u_z_mm is the standard uncertainty, half of U (k = 2)"
+        remedy += f" u_z_mm is the standard uncertainty, half of U (k = 2), which is {EXPANDED}"
     raise ValueError(f"'{name}' is no quantity of a design; {remedy}")
 
 
@@ -906,6 +910,18 @@ _EVERY = (
         numeric=True,
         of_views=True,
         label="depth, expected, u_Z",
+    ),
+    Quantity(
+        EXPANDED,
+        "mm",
+        "expanded uncertainty U of depth, k = 2, as data sheets print it: twice u_z_mm, at a distance ahead of the tip "
+        "or at the focal plane",
+        lambda c, at: COVERAGE * expected_error(c, at),
+        at="optional",
+        monotone=False,
+        numeric=True,
+        of_views=True,
+        label="depth, expected, U",
     ),
     Quantity(
         "sigma_disparity_pitches",

@@ -27,7 +27,7 @@ from ..theory.depth_budget import DepthBudget, depth_budget
 from ..theory.focused import is_focused
 from ..theory.length_covariance import LengthCovariance
 from ..theory.limits import AT_FIELD
-from ..theory.quantities import QUANTITIES, bound_note
+from ..theory.quantities import EXPANDED, QUANTITIES, bound_note
 from ..words import listed, number, uncertainty
 from .budgets import ToleranceBudget, budget, searched_builds
 from .draws import Perturbation
@@ -71,7 +71,7 @@ SUMMED = 40
 """Builds near nominal, where series tell depth errors and detail, in the time of one far off, by limit on such."""
 ROUNDING = 1e-12
 """Share of a number that is no move of it."""
-KNOWN_LENGTHS = ("u_z_mm", "u_z_at_field_mm")
+KNOWN_LENGTHS = ("u_z_mm", EXPANDED, "u_z_at_field_mm")
 """Metrics that take the lengths of each build as known."""
 
 

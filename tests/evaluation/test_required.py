@@ -185,6 +185,28 @@ def test_a_required_expanded_uncertainty_is_told_that_it_is_half_of_it_that_is_n
         roslf.evaluate(asked('U_z_mm = {at = "15 mm", max = "0.1 mm"}'))
 
 
+def test_a_required_expanded_uncertainty_is_that_of_u_at_half(tmp_path):
+    """Off the axis and with its reservations, too: all that is told of one is told of the other."""
+    for where in ('at = "20 mm"', 'at = "20 mm", field = "corner"', ""):
+        comma = ", " * bool(where)
+        once, twice = (
+            roslf.evaluate(asked(f'{name} = {{{where}{comma}max = "{most} mm"}}')).required
+            for name, most in (("u_z_mm", 0.1), ("expanded_u_z_mm", 0.2))
+        )
+        assert once == twice
+    assert "(U = 0.2 mm)" in twice[0].both_limits
+
+
+def test_expanded_uncertainty_is_what_the_budget_prints():
+    design = roslf.load("rigid-scope")
+    result = roslf.evaluate(design, at=20.0)
+    quantity, camera = roslf.quantity("expanded_u_z_mm"), roslf.Camera.of(design)
+    assert float(quantity(camera)) == pytest.approx(float(result.depth_budget.expanded_mm), rel=1e-12)
+    assert float(quantity(camera, 20.0)) == pytest.approx(result.answer.at[1].expanded_mm, rel=1e-12)
+    assert result.value("expanded_u_z_mm") == 2 * result.value("u_z_mm")
+    assert result.value("expanded_u_z_mm", at=20.0) == result.answer.at[1].expanded_mm
+
+
 def test_depth_that_is_required_says_what_it_counts_as_the_budget_has_it():
     text = 'u_z_mm = {at = "20 mm", max = "1 mm"}'
     bare = roslf.evaluate(asked(text))
