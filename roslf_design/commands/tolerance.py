@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json as json_module
 import os
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -24,6 +25,7 @@ from ..reporting.tolerance.pages import (
     impossible_words,
     loose_words,
     looser,
+    measured_words,
     mends,
     share_words,
     short_words,
@@ -40,6 +42,7 @@ from ..tolerancing.trials import measure_uniforms
 from ..words import sentence
 from .results import picture_files, print_blocks
 from .terminal import (
+    LOGGED,
     Flag,
     Flat,
     Json,
@@ -119,6 +122,10 @@ def tolerance(
         except ChunkLostError as error:
             say(f"roslf: {with_options(str(error))}", error=True)
             raise SystemExit(1) from None
+    waits = (time.perf_counter() - started) * sum(builds_of_analyses(plan, description, grades)) / plan.trials
+    if sys.stderr.isatty() or waits > LOGGED:
+        say(f"roslf: {measured_words(plan, tally)}", error=True)
+    with status_and_bars("tolerance") as tell:
         result = analyse(plan, description, grades, tally, save_worst(plan, tally, output), progress=tell)
         seconds = time.perf_counter() - started
         result = replace(result, precision=precision(plan, tally, result.final, accuracy, seconds))

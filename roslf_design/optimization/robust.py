@@ -27,7 +27,7 @@ from ..tolerancing.places import expand, nominal_values, tolerance_at
 from ..tolerancing.yields import Yield, least_passed
 from ..toml_files import StrictTable
 from .problem import DesignProblem
-from .search import Guard, SearchBudget, derivative_free, slsqp
+from .search import Guard, SearchBudget, derivative_free, followed, slsqp
 from .variables import IDLE
 
 SHARP = (0.3, 0.1, 0.03, 0.01)
@@ -198,10 +198,13 @@ def maximise_robustness(
     Builds are held to the problem's constraints. The nominal optimum is scaled; the budget is spent.
     """
     aim = _Aim(replace(problem, goals=problem.goals[:1]), table, scatter, problem.number(problem.goals[0], nominal))
-    best, spent = nominal, 0
+    best, spent, most = nominal, 0, 50 * problem.n * (1 + 2 * problem.n)  # its designs for derivatives, too
+
+    def heard(number: int, tried: float, most: float) -> None:
+        tell(f"robust: {table.maximise}", (number + tried / most) / len(SHARP), 1.0)
+
     for number, width in enumerate(SHARP):
-        tell(f"robust: {table.maximise}", number, len(SHARP))
-        guard = Guard(partial(aim.vector, width=width), budget)
+        guard = Guard(followed(partial(aim.vector, width=width), partial(heard, number), most), budget)
         slsqp(guard, best, 50 * problem.n, SMOOTH)
         if width == SHARP[-1]:
             derivative_free(

@@ -163,6 +163,21 @@ class SearchBudget:
         return replace(self, evaluations=max(self.evaluations, evaluations), deadline=deadline)
 
 
+def followed(rows: Vector, tell: Callable[[float, float], None], most: int) -> Vector:
+    """Rows of a search, whose points are told of as they are tried, by hundredths of the most."""
+    tried, told = 0, -1
+
+    def following(units: Array) -> Array:
+        nonlocal tried, told
+        if (now := min(100 * tried // most, 100)) > told:
+            told = now
+            tell(min(tried, most), most)
+        tried += len(units)
+        return rows(units)
+
+    return following
+
+
 @dataclass
 class Guard:
     """Evaluations of what is searched, watched."""

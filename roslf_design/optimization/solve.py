@@ -33,7 +33,7 @@ from .search import (
     Guard,
     Search,
     SearchBudget,
-    Vector,
+    followed,
     globally,
     gradient_error,
     search,
@@ -497,7 +497,8 @@ def _solve(
         if budget.ended:
             break
         what = "checking by a global search" if name == "crs2" else "checking by a second global search"
-        guard = Guard(_followed(budget.counting(problem.vector), partial(budget.heard, tell, what), problem), budget)
+        rows, heard = budget.counting(problem.vector), partial(budget.heard, tell, what)
+        guard = Guard(followed(rows, heard, _most_checked(problem)), budget)
         checks.append(_check(problem, name, guard, best, settings.seed, polish))
         other = checks[-1].polished
         if other.feasible and (not best.feasible or best.merit - other.merit > settings.agree):
@@ -545,21 +546,6 @@ def _solve(
 def _most_checked(problem: DesignProblem) -> int:
     """Points that a global search tries at most."""
     return min(1500 * problem.n, 9000) // (5 if problem.summed else 1)
-
-
-def _followed(rows: Vector, tell: Callable[[float, float], None], problem: DesignProblem) -> Vector:
-    """Rows of a global search, whose points are told of as they are tried, by hundredths of the most."""
-    tried, told, most = 0, -1, _most_checked(problem)
-
-    def followed(units: Array) -> Array:
-        nonlocal tried, told
-        if (now := min(100 * tried // most, 100)) > told:
-            told = now
-            tell(min(tried, most), most)
-        tried += len(units)
-        return rows(units)
-
-    return followed
 
 
 def _check(

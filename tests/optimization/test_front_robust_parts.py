@@ -102,6 +102,18 @@ def test_robust_design_beside_the_nominal_one():
     assert abs(hardware.d_2 / PAPER.d_2 - 1) > 0.1
 
 
+def test_a_robust_search_says_how_far_it_is():
+    table = RobustTable.model_validate({"trials": 64, "perturb": MISSES})
+    scatter, told = scatter_of(table, PAPER, 3), []
+    maximise_robustness(TIGHT, table, scatter, np.full(3, 0.4), SearchBudget(), lambda *step: told.append(step))
+    assert {step[0] for step in told} == {"robust: yield"}
+    shares = [done / total for _, done, total in told]
+    assert shares == sorted(shares)
+    assert shares[0] == 0
+    assert 0.75 <= shares[-1] <= 1
+    assert len(shares) > 8
+
+
 def test_what_robustness_may_cost_is_kept():
     _, found = made_robust(give_up=0.002)
     assert found.robust.goal_nominal <= found.nominal.goal_nominal * 1.00201

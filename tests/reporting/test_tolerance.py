@@ -28,6 +28,7 @@ from roslf_design.reporting.tolerance.pages import (
     interval_words,
     loose_words,
     looser,
+    measured_words,
     ranking,
     remedies,
     tables,
@@ -36,6 +37,7 @@ from roslf_design.reporting.tolerance.pages import (
 )
 from roslf_design.tolerancing.budgets import Change, ToleranceBudget
 from roslf_design.tolerancing.metrics import Question
+from roslf_design.tolerancing.places import short_name
 from roslf_design.tolerancing.result import WorstTrial, analyse, save_worst
 from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.study import make_plan, read_study, tolerance_plan
@@ -58,6 +60,28 @@ def result():
     study, design, grades = read_study(data)
     plan = make_plan(study, design, grades)
     return analyse(plan, study, grades, tally_chunk(plan, 0))
+
+
+@pytest.mark.parametrize("loose", ["sensor.distance", "aperture.diameter"])
+def test_what_trials_tell_before_they_are_analysed_is_what_the_analyses_tell(loose):
+    goal = {"metric": "fill_factor", "min": 1.0, "max": 1.01, "fields": [0]}
+    perturb = [
+        {"place": p, "tolerance": "40 um" if p == loose else "1 um"} for p in ("sensor.distance", "aperture.diameter")
+    ]
+    study, design, grades = read_study(
+        {"name": "first", "design": "paper", "trials": 2000, "perturb": perturb, "goals": [goal], "sobol_samples": 0}
+    )
+    plan = make_plan(study, design, grades)
+    tally = tally_chunk(plan, 0)
+    told, full = measured_words(plan, tally), analyse(plan, study, grades, tally, budgets=False)
+    assert f"yield {100 * full.final.result.value:.2f} %" in told
+    assert f"image fill at field 0 is missed by most, {100 * (1 - full.final.weakest.result.value):.4g} %" in told
+    share = full.correlations[0, [p.place for p in plan.draws.perturbations].index(loose)] ** 2
+    assert f"mostly by {short_name(loose, design)} ({100 * share:.3g} % of its variance)" in told
+
+
+def test_what_all_builds_hold_has_no_culprit(result):
+    assert measured_words(result.plan, tally_chunk(result.plan, 0)).endswith("builds; it is analysed now")
 
 
 def test_the_section_answers_first_and_shows_every_part(result):

@@ -30,7 +30,8 @@ from ...tolerancing.metrics import DISTANT, METRICS, mount_of
 from ...tolerancing.places import display, perturbable, short_name
 from ...tolerancing.result import KNOWN_LENGTHS, StudyResult, WorstTrial, reach_of
 from ...tolerancing.study import CALIBRATION, OWN, TolerancePlan
-from ...tolerancing.summaries import ColumnSummary, Variant
+from ...tolerancing.summaries import ColumnSummary, Variant, correlations, summarise
+from ...tolerancing.tally import Tally
 from ...tolerancing.traced import fates
 from ...tolerancing.yields import Yield
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
@@ -379,14 +380,36 @@ def remedies(result: StudyResult) -> str:
 
 def _culprit(result: StudyResult) -> str:
     """Sentence on the one tolerance that most of the weakest metric's variance is of; empty where none is."""
-    shares = result.correlations[_weakest_row(result)] ** 2
-    if not np.nanmax(shares, initial=0.0) >= MOSTLY:
+    place, share = _mostly(result.plan, result.final, result.correlations)
+    if not place:
         return ""
-    place, design = _places(result)[int(np.nanargmax(shares))], result.plan.question.design
+    design = result.plan.question.design
     alone = next((one.alone for one in result.allowed if one.place == place), math.inf)
     held = f"; alone it may be ± {_width(design, place, alone)}" if math.isfinite(alone) else ""
-    spread = f"{100 * np.nanmax(shares):.3g} % of the variance of {in_words(result.final.weakest.label)}"
+    spread = f"{100 * share:.3g} % of the variance of {in_words(result.final.weakest.label)}"
     return f"Mostly {short_name(place, design)}: {spread}{held}. "
+
+
+def _mostly(plan: TolerancePlan, final: Variant, related: NDArray[np.float64]) -> tuple[str, float]:
+    """Place that most of the weakest metric's variance is of, empty where there is none, and the share."""
+    row = [column.label for column in plan.columns].index(final.weakest.label)
+    share = float(np.nanmax(related[row] ** 2, initial=0.0))
+    if share < MOSTLY:
+        return "", share
+    return plan.draws.perturbations[int(np.nanargmax(related[row] ** 2))].place, share
+
+
+def measured_words(plan: TolerancePlan, tally: Tally) -> str:
+    """Yield of trials before their analyses, the limit that most builds miss, and what it is mostly of."""
+    final = summarise(plan, tally)[-1]
+    weakest = final.weakest
+    told = f"yield {share_words(final.result)}"
+    if weakest.result.passed < weakest.result.trials:
+        told += f"; {in_words(weakest.label)} is missed by most, {100 * (1 - weakest.result.value):.4g} %"
+        place, share = _mostly(plan, final, correlations(tally))
+        if place:
+            told += f", mostly by {short_name(place, plan.question.design)} ({100 * share:.3g} % of its variance)"
+    return f"{told}; it is analysed now"
 
 
 def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
