@@ -79,10 +79,13 @@ def verdicts_of(
 
     With a real lens the field is judged by the traced images, and whether the thin lens holds is a question of its own.
     Of focused microlenses that comes before these, with what it means, and no views are judged. What is `asked` stands
-    before all of them, but for pixels that make no light-field camera.
+    before all of them, but for pixels that make no light-field camera; then what no tube holds.
     """
     thin, traced = ([], "") if lens is None else ([_thin(f_number, lens)], _traced_fill(f_number, lens))
     answers = [_matched(camera, f_number, traced), _undistorted(camera, non_distortion, lens, answer)]
+    fits = [_fits(camera)] if tube.OUTER in camera.numbers else []
+    if any(verdict.level == "fault" for verdict in fits):
+        asked, fits = [*asked, *fits], []
     first = _resolved(camera, sampling) if focused is None else _focused(camera, focused)
     if first.level == "fault" and focused is None:
         answers = [first, *asked, *answers]
@@ -90,7 +93,7 @@ def verdicts_of(
         answers = [*asked, *answers, first] if focused is None else [*asked, first, *answers]
     answers += thin
     answers += [] if answer is None else [lit(answer)]
-    return (*answers, *([_fits(camera)] if tube.OUTER in camera.numbers else []), *_reversed(camera))
+    return (*answers, *fits, *_reversed(camera))
 
 
 def lens_speed(design: Design, camera: Camera) -> tuple[Verdict, ...]:

@@ -374,3 +374,15 @@ def test_a_bought_lens_counts_to_its_edge(scope, tmp_path):
     )
     assert bought.main_lens.outer_diameter == 25.4
     assert fits(bought).text.startswith("does not fit inside the tube: main lens of 25.4 mm is 15.9 mm too wide")
+
+
+def test_what_no_tube_holds_stands_before_all_but_what_is_asked_for():
+    """A lens that cannot be put in is no question of images that match."""
+    tight = roslf.load("video-otoscope").replace({"main_lens.diameter": 4.0, "aperture.diameter": 0.3})
+    names = [verdict.name for verdict in roslf.evaluate(tight).verdicts]
+    assert names[:3] == ["required_insertion_diameter_mm", "fits_tube", "f_number_matched"]
+    bare = roslf.evaluate(tight.replace({"required": []})).verdicts
+    assert bare[0].name == "fits_tube"
+    assert bare[0].remedy
+    fitting = roslf.evaluate(roslf.load("video-otoscope")).verdicts
+    assert [verdict.name for verdict in fitting].index("fits_tube") > 2
