@@ -124,8 +124,6 @@ class Section:
     blocks: tuple[Block, ...]
     name: str = ""
     """Anchor; empty takes it from the title."""
-    new_page: bool = False
-    """Whether it begins a page where it is printed."""
 
     @property
     def anchor(self) -> str:

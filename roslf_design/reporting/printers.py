@@ -102,8 +102,7 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         sections = [
-            {"title": one.title, "new_page": one.new_page, "blocks": [_block(block, root) for block in one.blocks]}
-            for one in report.sections
+            {"title": one.title, "blocks": [_block(block, root) for block in one.blocks]} for one in report.sections
         ]
         head = {"title": report.title, "subtitle": spans(report.subtitle), "footer": report.footer}
         content = {**head, "paper": PAGES[paper], "sections": sections}

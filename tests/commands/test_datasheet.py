@@ -563,7 +563,7 @@ def test_a_sheet_says_on_every_page_whose_it_is_and_is_signed_on_its_first():
     page = datasheet_report(basis(roslf.load("paper")), "B", "2026-11-29")
     section, annex = page.sections
     head, signed = section.blocks[:2]
-    assert annex.new_page
+    assert annex.title == "Annex"
     assert not {block.title for block in section.blocks if isinstance(block, Table)} & {DEPTH, "Object field"}
     assert section.blocks[-1].title == "Dimensions"
     assert (head.title, signed.title) == ("This sheet", "Signed")

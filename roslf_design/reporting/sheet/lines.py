@@ -819,7 +819,7 @@ def title_written(content: bytes) -> str:
 def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = NONE, tell: Share = UNHEARD) -> Report:
     """The sheet alone: which design in which revision, on every page, fields to sign, the lines, its drawing.
 
-    Behind it, on pages of their own, tables and pictures that explain the lines. `tell` hears what share is made.
+    Behind it, in an annex, tables and pictures that explain the lines. `tell` hears what share is made.
     """
     design, section = grounds.design, datasheet_section(grounds, tell)
     views, known = grounds.sheet.has_views, grounds.known
@@ -831,7 +831,7 @@ def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = N
     elif views:
         behind.append(depth_figure(design, known))
     signed = Section(section.title, (head, signatures(), *lines, dimensions_sheet(design)))
-    annex = (Section("Annex", tuple(behind), new_page=True),) if behind else ()
+    annex = (Section("Annex", tuple(behind)),) if behind else ()
     which = ", ".join(f"{what} {value.split()[0]}" for what, value in head.rows[1:4] if value != NONE)
     return Report(sheet_title(design.name, revision), design.source, (signed, *annex), f"{design.name}; {which}")
 
