@@ -35,7 +35,7 @@ from .._arrays import Array
 from .marks import Area, Line, Mark, Text, box_key, joined, line_key, xy
 from .panel import Panel, Scale
 from .picture import PAGE, Picture, legend_height
-from .theme import SMALL, THEMES, ThemeName, rgb, rows_of_names, text_width, theme_named
+from .theme import SMALL, THEMES, ThemeName, rgb, text_width, theme_named
 
 if TYPE_CHECKING:
     from pyvista import PolyData
@@ -169,8 +169,8 @@ def bands(rows: int) -> NDArray[np.int64]:
     return np.stack([np.full_like(here, 4), here, beside, beside + AROUND, here + AROUND], axis=-1).ravel()
 
 
-def outlines(scene: Instrument, width: float = PAGE) -> Picture:
-    """Draw a scene in its own view, what is farther first; `width` in px."""
+def outlines(scene: Instrument, width: float = PAGE, title: float = 0.0) -> Picture:
+    """Draw a scene in its own view, what is farther first; `width` and the room left above for a `title` in px."""
     view = scene.view
     height = width * view.window[1] / view.window[0]
 
@@ -202,12 +202,19 @@ def outlines(scene: Instrument, width: float = PAGE) -> Picture:
     tops, _ = projected([name.at for name in above])
     widths = [text_width(name.text, SMALL) for name in above]
     places = [min(max(x, w / 2 + 2), width - w / 2 - 2) for x, w in zip(tops[:, 0].tolist(), widths, strict=True)]
-    levels = [float(y) + 12 + 16 * row for y, row in zip(tops[:, 1], rows_of_names(places, widths, 4.0), strict=True)]
+    levels: list[float] = []
+    for place, w, y in zip(
+        places, widths, tops[:, 1].tolist(), strict=True
+    ):  # parts of a folded axis lie at any height
+        level, near = y + 12, (abs(place - np.array(places)) < (w + np.array(widths)) / 2 + 4)[: len(levels)]
+        for other in np.sort(np.array(levels)[near]).tolist():
+            level = other + 16 if abs(other - level) < 16 else level
+        levels.append(level)
     marks += [Line([x, x], [y, level], "grey", 0.8) for (x, y), level in zip(tops, levels, strict=True)]
     for name, place, level in zip(above, places, levels, strict=True):
         marks.append(Text(place, level, name.text, anchor="middle", dy=-3, halo=True))
     # Names in several rows may stand above the view.
-    head = max([0.0, *(level + 14 - height for level in levels)])
+    head = max([0.0, *(level + 14 + title - height for level in levels)])
     marks += [Text(4.0, 6.0, name.text, "grey") for name in scene.names if name.foot]
     named = {part.label: part for part in reversed(scene.parts) if part.label}
     keys = [

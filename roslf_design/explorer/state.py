@@ -551,7 +551,7 @@ WHOLE: dict[str, dict[str, Any]] = {
     "folded": {},
 }
 """Extents of the meridional section, as `meridional` takes them: what suits, from the object plane on, from the
-outermost stop on, or close to one end; or, of a folded axis, all of it as it is built, to scale."""
+outermost stop on, or close to one end; or all of it as it is built, folded where the axis is, to scale."""
 
 PLACES = ("centre", "edge", "corner")
 """Microlenses with a name: of what the sensor sees."""

@@ -31,7 +31,7 @@ from ..reporting.design.curves import depth_over_field, depth_precision, field_c
 from ..reporting.design.effects import effects_budget
 from ..reporting.design.field import mla_map
 from ..reporting.design.figures import at_room
-from ..reporting.design.instrument import folded_section
+from ..reporting.design.instrument import scale_drawing
 from ..reporting.design.microlens import microlens_image, nearest_microlens
 from ..reporting.design.rays import meridional
 from ..reporting.optimise.pictures import change_bars, ends_differ, goal_front, search_history
@@ -84,7 +84,7 @@ COOLER = (
 """Remedies of depth that temperature spoils, all of [environment]."""
 
 FOLDED = 2.4
-"""Width of a folded section, in heights of the room for it."""
+"""Width of a drawing to scale, in heights of the room for it."""
 LEAST, MOST = 160, 3000
 """Sizes that a picture is made in [px]."""
 
@@ -155,9 +155,9 @@ def front(run: OptimiseResult, size: Point = (420, 300)) -> Picture:
 
 
 def _section(design: Design, whole: str, size: Size) -> Picture:
-    """Section in the extent that is asked for; folded where it is asked for so and the axis is."""
-    if whole == "folded" and Camera.of(design).chain.folds:
-        return folded_section(design, min(size[0], max(FOLDED * size[1], LEAST)))
+    """Section in the extent that is asked for; to scale, folded where the axis is, where it is asked for so."""
+    if whole == "folded":
+        return scale_drawing(design, min(size[0], max(FOLDED * size[1], LEAST)))
     return meridional(design, size, **WHOLE[whole])
 
 

@@ -1,5 +1,6 @@
 """What every picture must be, and that each says what the theory and the engines say."""
 
+import itertools
 import math
 import pickle
 import re
@@ -33,6 +34,7 @@ from roslf_design.reporting.design.curves import (
 from roslf_design.reporting.design.effects import effects_budget
 from roslf_design.reporting.design.field import field_map, field_maps, mla_map
 from roslf_design.reporting.design.figures import dimensions_sheet, glance
+from roslf_design.reporting.design.instrument import instrument_scene, scale_drawing
 from roslf_design.reporting.design.microlens import (
     _image_view,
     microlens_image,
@@ -156,7 +158,8 @@ def test_lengths_are_to_scale_and_dimensioned(whole):
     assert ("df=350mm" in words.replace(" ", "")) == whole
     m = picture.mapping
     factor = m.per_px[0] / m.per_px[1]
-    assert f"heights ×{factor:.3g}" in words
+    assert (f"heights ×{factor:.3g}" if whole else "to scale") in words
+    assert whole or factor == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("name", UNLIKE)
@@ -602,3 +605,33 @@ def test_the_tube_is_drawn_to_the_scale_of_heights_with_its_limit():
     outer = evaluate(scope).answer.outer_diameter_mm
     assert {float(abs(m.y[0])) for m in narrowest.marks if m.testid == "tube"} == {outer / 2}
     assert f"narrowest tube, {outer:g} mm outside" in [key.text for key in narrowest.keys]
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "stretched"),
+    [("ear-speculum", (PAGE, 300.0), False), ("pipe-bore", (PAGE, 300.0), False), ("rigid-scope", (PAGE, 210.0), True)],
+)
+def test_a_section_that_nearly_fits_is_to_scale_and_a_stretched_one_has_a_drawing_to_scale_below(name, size, stretched):
+    design = load(name)
+    picture = meridional(design, size)
+    across, up = picture.mapping.per_px
+    assert (across == pytest.approx(up)) is not stretched
+    assert ("to scale" in [key.text for key in picture.keys]) is not stretched
+    caption = glance(design, views=False).caption
+    assert ("between them, to scale, the camera as it is built" in caption) == ("heights to scale" in caption)
+    (panel,) = scale_drawing(design, 322.0).panels
+    assert panel.per_px[0] == pytest.approx(panel.per_px[1])
+    # Ends of the tube over its diameter, by the lengths of the design's file.
+    (tube,) = (part for part in instrument_scene(design, side=True).parts if part.name == "tube")
+    assert np.ptp(tube.points[:, 2]) == pytest.approx(design.d_3 + design.d_1 + design.d_2)
+
+
+def test_names_above_a_folded_drawing_do_not_stand_on_each_other_or_its_title():
+    picture = scale_drawing(load("arthroscope"), 322.0)
+    (panel,) = picture.panels
+    names = [mark for mark in panel.marks if isinstance(mark, Text)]
+    boxes = [(*panel.at(mark.x, mark.y), text_width(mark.text, mark.size) / 2) for mark in names]
+    assert len(boxes) == 5
+    for (x, y, half), (other, level, width) in itertools.combinations(boxes, 2):
+        assert abs(x - other) >= half + width or abs(y - level) >= 12
+    assert all(y > 26 for _, y, _ in boxes)

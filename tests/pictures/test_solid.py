@@ -17,7 +17,7 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.drawing.marks import Area, Line
 from roslf_design.drawing.solid import AROUND, changed, library, outline, outlines, packed, scene_data
-from roslf_design.reporting.design.instrument import RAYS, folded_section, instrument_scene, scene, turned
+from roslf_design.reporting.design.instrument import RAYS, instrument_scene, scale_drawing, scene, turned
 from tests.pictures import designs
 
 PAPER = roslf.load("paper")
@@ -271,7 +271,7 @@ def test_a_folded_section_shows_the_true_angle(degrees):
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     np.testing.assert_allclose(at["plate 2"].mean(axis=0), (-35 - 41 * c, 41 * s, 0.0), atol=1e-9)
     assert np.ptp(at["sensor"][:, 0]) == pytest.approx(0.0, abs=1e-9)  # straight from the side
-    picture = folded_section(design, 700.0)
+    picture = scale_drawing(design, 700.0)
     assert f"looks {degrees:g}° from straight ahead" in picture.title
     (panel,) = picture.panels
     assert panel.per_px[0] == pytest.approx(panel.per_px[1])

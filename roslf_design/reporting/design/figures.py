@@ -22,7 +22,7 @@ from ..lens_words import lens_words
 from .curves import DRAWN, KnownLengths, counted_lengths, depth_precision, matching_plane
 from .effects import effects_budget
 from .field import field_map, field_maps, lens_images, lens_over_field
-from .instrument import folded_section, instrument_scene
+from .instrument import instrument_scene, scale_drawing
 from .microlens import microlens_image, microlens_images, rays_and_waves
 from .rays import cells, dimensions, is_centred, meridional, ray_diagrams, ray_words, scale_words, unfolded_words
 
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from ...evaluation.groups import RealLens
     from ...evaluation.result import Evaluation
 
-FOLDED = 0.42
-"""Width of the small folded drawing, in pages."""
+SMALL = 0.42
+"""Width of the small drawing to scale, in pages."""
 PLACES = ("centre", "edge", "corner")
 """The fields that a report looks at."""
 
@@ -50,16 +50,16 @@ def glance(design: Design, views: bool, known: KnownLengths = DRAWN) -> Figure:
         own = "its bound" if design.depth.disparity_error is None else noise_words(True)
         words += f", and depth, expected, over the working range and the distances required, with {own}"
     below = beside("glance-below", "", parts)
-    rows = [system, *_folded(design), below]
-    if len(rows) > 2:
-        words += "; between them, folded and to scale, the camera as it is built"
-    picture = beside("glance", f"{design.name} at a glance", rows, down=True)
+    small = _to_scale(design, across < 0.999 * up)
+    for drawing in small:
+        words += f"; between them, {drawing.title.split(':')[0]}, the camera as it is built"
+    picture = beside("glance", f"{design.name} at a glance", [system, *small, below], down=True)
     return replace(Figure.of("glance", "At a glance", f"{words}.", picture), breaks=0.0)
 
 
-def _folded(design: Design) -> list[Picture]:
-    """Small drawing of a camera whose axis is folded, as it is built; none of others."""
-    return [folded_section(design, FOLDED * PAGE)] if Camera.of(design).chain.folds else []
+def _to_scale(design: Design, stretched: bool = False) -> list[Picture]:
+    """Small drawing to scale of a camera whose axis is folded, or whose section is `stretched`; none of others."""
+    return [scale_drawing(design, SMALL * PAGE)] if stretched or Camera.of(design).chain.folds else []
 
 
 def _ray_sheet(design: Design, result: Evaluation) -> Figure:
@@ -283,7 +283,7 @@ def dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
         + "".join(f" It is {words}." for words in unfolded_words(drawn))
     )
     picture = dimensions(drawn)
-    if small := _folded(drawn):
+    if small := _to_scale(drawn):
         caption += " Below, folded and to scale: as it is built."
         picture = beside("dimensions", picture.title, (picture, *small), down=True)
     return Figure.of("dimensions", "Dimensions", caption, picture)

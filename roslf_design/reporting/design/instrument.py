@@ -48,15 +48,15 @@ RAYS = ("rays centre", "rays edge", "rays corner", "rays blocked")
 """Parts that may be without rays."""
 
 
-def folded_section(design: Design, width: float) -> Picture:
+def scale_drawing(design: Design, width: float) -> Picture:
     """Drawing of the instrument from the side, to scale, its axis folded by its true angles; real lenses thin."""
     seen = instrument_scene(design.thin_twin, side=True)
     names = tuple(name for name in seen.names if not name.foot)  # of parts: their colours need no others
     parts = tuple(part if part.kind == "lines" else part._replace(label="") for part in seen.parts)
-    picture = outlines(seen._replace(parts=parts, names=names), width)
-    aside = short(float(QUANTITIES["direction_of_view_deg"](Camera.of(design))), 3)
-    title = f"folded, to scale: it looks {aside}° from straight ahead"
-    return replace(picture, name="folded", title=title, remarks=(Text(14.0, 14.0, title, bold=True),))
+    picture, camera = outlines(seen._replace(parts=parts, names=names), width, 22.0), Camera.of(design)
+    aside = short(float(QUANTITIES["direction_of_view_deg"](camera)), 3)
+    title = f"folded, to scale: it looks {aside}° from straight ahead" if camera.chain.folds else "to scale"
+    return replace(picture, name="to-scale", title=title, remarks=(Text(14.0, 14.0, title, bold=True),))
 
 
 def instrument_scene(design: Design, fold: bool = True, side: bool = False) -> Instrument:

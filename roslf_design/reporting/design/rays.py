@@ -41,6 +41,8 @@ NAME_ROW, DIMENSION_ROW = 16.0, 19.0
 """Heights [px]."""
 EXAGGERATIONS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
 """How much larger than lengths heights may be drawn, times powers of ten."""
+TO_SCALE = 0.8, 2.0
+"""Ends between which scales that fill the room differ too little, heights over lengths, to be drawn stretched."""
 SMALLEST_SHARE = 0.25
 """Least share of the picture's length that the instrument has when all is shown without being asked for."""
 MOST_PIXELS = 200
@@ -139,8 +141,8 @@ def meridional(
     Returns
     -------
     Picture
-        Both fill it, heights larger or smaller than lengths by a round factor; its mapping takes pixels to z and
-        height [mm].
+        To scale where both nearly fill it so, else filled, heights larger or smaller than lengths by a round factor;
+        its mapping takes pixels to z and height [mm].
 
     Notes
     -----
@@ -182,7 +184,8 @@ def meridional(
     frames = [_Frame.of(twin, fan, tube, whole, close) for twin, fan, tube in zip(twins, each, tubes, strict=True)]
     frame = functools.reduce(_Frame.around, frames)
     layouts = [_section(twin, clear, whole, close, own, frame) for twin, own in zip(twins, tubes, strict=True)]
-    section = _section(thin, clear, whole, close, tube, frame, min(one.exaggeration for one in layouts))
+    most, widest = (min(one) for one in zip(*((one.exaggeration, one.along) for one in layouts), strict=True))
+    section = _section(thin, clear, whole, close, tube, frame, most, widest)
     keys += scales(section.exaggeration)
     tip, half = -_front(thin), section.half
     marks: list[Mark] = tube.marks(half)
@@ -304,6 +307,8 @@ class _SectionLayout(NamedTuple):
     tube: _Tube
     half: float
     """Elements and rays reach this high [mm]."""
+    along: float
+    """Pixels per millimetre of length."""
     exaggeration: float
     """Pixels per millimetre of height over those of length."""
     sides: dict[str, int]
@@ -355,9 +360,10 @@ class _Frame(NamedTuple):
 
 
 def _section(
-    design: Design, size: Point, whole: bool, close: str, tube: _Tube, frame: _Frame, most: float = math.inf
-) -> _SectionLayout:
-    """Layout within a frame, heights no more than `most` times as large as lengths."""
+    design: Design, size: Point, whole: bool, close: str, tube: _Tube, frame: _Frame,
+    most: float = math.inf, widest: float = math.inf,
+) -> _SectionLayout:  # fmt: skip
+    """Layout within a frame: heights at most `most` times as large as lengths, these at most `widest` px/mm."""
     left, right, half, beside = frame
     side = 16.0, beside
     across = max(size[0] - sum(side), 50.0)
@@ -367,8 +373,10 @@ def _section(
     names: list[tuple[float, str]] = []
     for _ in range(3):  # fewer pixels per millimetre may want more rows of names, and these leave fewer
         over = 8 + NAME_ROW * (1 + max(rows, default=0))
-        along = across / (right - left)
+        along = min(across / (right - left), widest)
         factor = max(size[1] - over - under, LOWEST) / (2 * half) / along
+        if TO_SCALE[0] <= min(factor, most) < TO_SCALE[1]:
+            along, factor = along * min(factor, 1.0), 1.0
         sides = _sides(design, along, side[0] - along * (left + design.d_3), whole)
         if 2 * half * along * factor < FLAT:
             sides = dict.fromkeys(sides, 0)
@@ -380,7 +388,7 @@ def _section(
     width, tall = along * (right - left), 2 * half * along * factor
     x, y = side[0] + (across - width) / 2, over + (max(size[1] - over - under, LOWEST) - tall) / 2
     panel = Panel((x, y, width, tall), Scale(left, right), Scale(-half, half), bare=True)
-    return _SectionLayout(panel, tube, half, factor, sides, tuple(names), tuple(rows), whole, under)
+    return _SectionLayout(panel, tube, half, along, factor, sides, tuple(names), tuple(rows), whole, under)
 
 
 def _heights(fan: _LabelledFan, left: float, right: float) -> Array:
