@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, sunflower
 from .._jit import ahead
@@ -48,6 +48,8 @@ FIELD_NAMES = ("centre", "edge", "corner")
 """Names of `default_fields`."""
 TRIED = 33
 """Microlenses towards the field's corner between which one is looked for, twice: to 1e-6 of the way there."""
+HALVINGS = 40
+"""Steps in which the rim of a round field is looked for, to 1e-12 of the way to the sensor's corner."""
 MOST_FIELDS = 500
 """Fields looked at in one run."""
 TRACING = 1.5
@@ -145,6 +147,38 @@ def judged_field(design: Design) -> SensorField:
         return sensor_field(Camera.of(design))
     half = np.asarray(radius / math.sqrt(2))
     return SensorField((-half, -half), (half, half))
+
+
+def rim_field(design: Design, camera: Camera) -> SensorField:
+    """Part of the array that `judged_field` is, of other thin-lens cameras than the design's own, one or many.
+
+    By closed forms, at the rim's nearest of four places along x and y; all that the sensor sees of a camera that does
+    not see the rim.
+    """
+    field = sensor_field(camera)
+    asked = [
+        (quantity.over, one.at, low)
+        for one, quantity, low, _ in limits(design)
+        if quantity.name in (ROUND_ANGLE, ROUND_RADIUS) and low and quantity.over
+    ]
+    near, far = np.zeros_like(field.radius), field.radius
+
+    def holds(radius: Array) -> NDArray[np.bool_]:
+        circle = SensorField((-radius, -radius), (radius, radius))
+        return np.all([over(camera, at, circle) >= low for over, at, low in asked], axis=0)
+
+    seen = holds(far)
+    if not asked or not seen.any():
+        return field
+    for _ in range(HALVINGS):
+        middle = (near + far) / 2
+        enough = holds(middle)
+        near, far = np.where(enough, near, middle), np.where(enough, middle, far)
+    half = far / math.sqrt(2)
+    left, below, right, above = (
+        np.where(seen, sign * half, end) for sign, ends in zip((-1, 1), field, strict=True) for end in ends
+    )
+    return SensorField((left, below), (right, above))
 
 
 def unseen(design: Design, place: Place) -> str:

@@ -31,7 +31,7 @@ from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import corner_room
 from ..words import in_file, length, listed, number, on_side, percent, place, the
 from .answer import STOP, FirstAnswer
-from .fields import Place, default_fields, field_openings, round_radius
+from .fields import Place, default_fields, field_openings, judged_field, round_radius
 from .groups import Field, Numbers, RealLens, Verdict
 from .remedies import GAP_SLACK, OVERLAP_SLACK, SLACK_PX, ways_of
 from .specification import RIM
@@ -176,8 +176,9 @@ def _windows_to_rim(design: Design, camera: Camera) -> Iterator[Verdict]:
             continue
         clear = known.aperture
         key = f"{at}.diameter"
-        narrower = corner_room(camera.replace({key: clear * float(camera[key]) / across}))
-        if not np.any((narrower < 0) & (narrower < corner_room(camera))):
+        field = judged_field(design)
+        narrower = corner_room(camera.replace({key: clear * float(camera[key]) / across}), field)
+        if not np.any((narrower < 0) & (narrower < corner_room(camera, field))):
             continue
         text = (
             f"clear aperture: all {length(across)} of {the(name)} ({part}) count, of which {length(clear)}, 90 %, are "
@@ -191,7 +192,7 @@ def _coatings(design: Design, camera: Camera) -> Iterator[Verdict]:
     """Which prisms do not reflect all of the field's light by total reflection."""
     if not design.in_bore:
         return
-    corners = -sensor_field(camera).corners[[0, 1, 3, 2]] * float(camera.seen.inverse_m)
+    corners = -judged_field(design).corners[[0, 1, 3, 2]] * float(camera.seen.inverse_m)
     ends = np.concatenate([corners, (corners + np.roll(corners, 1, axis=0)) / 2])
     pupil = camera.fap.outline.along_rim(24)
     ways = (ends[:, None] - pupil) / float(camera.seen.d_f - camera.seen.d_3)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..design import PATHS, Design, DesignError
 from ..drawing.theme import short
+from ..evaluation.fields import rim_field, round_radius
 from ..evaluation.remedies import BETWEEN, ROUNDS, nearest_holding
 from ..theory.exit_pupil import is_telecentric
 from ..theory.f_number import fill_factor, matched
@@ -73,7 +74,7 @@ class _Facts(NamedTuple):
     undistorted_mm: float
     """Largest undistorted object radius at d_f; may be inf."""
     room_mm: float
-    """At the sensor's corner; negative where it is distorted."""
+    """At the sensor's corner, or the rim of a round field that is required; negative where it is distorted."""
     sigma_mm: float
     """Depth noise (bound) at the focal plane."""
     views: float
@@ -83,7 +84,7 @@ class _Facts(NamedTuple):
     def of(cls, design: Design) -> _Facts:
         """_Facts of a design, or of its thin-lens model."""
         camera = Camera.of(design.thin_twin)
-        limit = field_limit(camera)
+        limit = field_limit(camera, rim_field(design, camera))
         return cls(
             fill_factor=float(fill_factor(camera)),
             undistorted_mm=limit.radius,
@@ -104,15 +105,16 @@ def proposals(design: Design) -> tuple[Fix, ...]:
     Returns
     -------
     tuple of Fix
-        f-numbers matched by d_2, D_F and d_3; the whole sensor undistorted by the least change of d_3; the largest
-        undistorted field by d_3; image-space telecentricity. `changes` applied to the design do what the label says;
-        those that cannot, or have nothing to do, say why.
+        f-numbers matched by d_2, D_F and d_3; the whole sensor, or the round field that is required, undistorted by
+        the least change of d_3; the largest undistorted field by d_3; image-space telecentricity. `changes` applied
+        to the design do what the label says; those that cannot, or have nothing to do, say why.
     """
     camera, now = Camera.of(design.thin_twin), _Facts.of(design)
+    part = _part(design)
     focus = "d_3 = f" if camera.chain.in_air else "FAP seen through the bore at f"
     every = (
         *((f"match-{symbol}", f"Match f-number by {symbol}", symbol, way) for symbol, way in _matching(camera, now)),
-        ("undistort-d_3", "Free the whole sensor by d_3", "d_3", _undistorting(camera)),
+        ("undistort-d_3", f"Free the {part} by d_3", "d_3", _undistorting(design, camera)),
         ("widest-field-d_3", "Largest undistorted field by d_3", "d_3", _widest(camera)),
         ("telecentric", f"Go telecentric ({focus})", "d_3", _telecentric(camera)),
     )
@@ -174,24 +176,31 @@ def _nearest_place(camera: Camera, off: Callable[[Floats | float], Floats]) -> f
     return min(zeros, key=lambda place: abs(place - float(camera[PATHS["d_3"]])), default=None)
 
 
-def _undistorting(camera: Camera) -> Change:
-    """The FAP moved no farther than the corner's pencil needs to clear every rim."""
+def _part(design: Design) -> str:
+    """Part of what the sensor sees that is to be whole, in words."""
+    return "whole sensor" if round_radius(design) is None else "round field"
+
+
+def _undistorting(design: Design, camera: Camera) -> Change:
+    """The FAP moved no farther than the outermost pencil needs to clear every rim."""
 
     def rooms(d_3: Floats | float) -> Floats:
-        return corner_room(camera.replace({"d_3": d_3}))
+        changed = camera.replace({"d_3": d_3})
+        return corner_room(changed, rim_field(design, changed))
 
     def least(d_3: Floats) -> Floats:
         return np.asarray(rooms(d_3).min(axis=0))
 
     here = float(camera[PATHS["d_3"]])  # with a ruler, as what replaces it
     if rooms(here).min() >= 0:
-        return "the whole sensor is undistorted already"
+        return f"the {_part(design)} is undistorted already"
     # What the sensor sees changes with the distance, too: room may come, go and come again.
     places = _with_peaks(least, camera)
     free = nearest_holding(lambda d_3: least(d_3) >= 0, places[np.argsort(np.abs(places - here))], here)
     if free is None:
         tightest = int(np.argmin(rooms(float(places[int(np.argmax(least(places)))]))))
-        return f"no FAP distance frees it: the {camera.rims[tightest].opening} is too small for this FAP and sensor"
+        rim, part = camera.rims[tightest].opening, _part(design).split()[-1]
+        return f"no FAP distance frees it: the {rim} is too small for this FAP and {part}"
     return free
 
 
@@ -250,7 +259,8 @@ def _with_consequences(design: Design, now: _Facts, key: str, label: str, symbol
             changed = design.replace(**changes)
     except DesignError as error:
         return Fix(key, label, why_not=error.problems[0].message)
-    return Fix(key, label, changes, _outcome(changes, now, _Facts.of(changed)))
+    outermost = "sensor's corner" if round_radius(design) is None else "round field's rim"
+    return Fix(key, label, changes, _outcome(changes, now, _Facts.of(changed), outermost))
 
 
 def _in_focus(design: Design, changed: Design) -> float | None:
@@ -262,7 +272,7 @@ def _in_focus(design: Design, changed: Design) -> float | None:
     return 1 / power if power > 0 else None
 
 
-def _outcome(changes: Mapping[str, float], before: _Facts, after: _Facts) -> str:
+def _outcome(changes: Mapping[str, float], before: _Facts, after: _Facts, outermost: str) -> str:
     brings: list[str] = []
     costs: list[str] = []
     b, a = before, after
@@ -277,6 +287,6 @@ def _outcome(changes: Mapping[str, float], before: _Facts, after: _Facts) -> str
     if before.undistorted_mm < after.undistorted_mm == math.inf:
         brings.append("no field is too large")
     if after.room_mm < 0 <= before.room_mm:
-        costs.append(f"the sensor's corner gets distorted ({short(-after.room_mm, 2)} mm of clearance missing)")
+        costs.append(f"the {outermost} gets distorted ({short(-after.room_mm, 2)} mm of clearance missing)")
     sets = ", ".join(f"{symbol} = {short(value, 5)} mm" for symbol, value in changes.items())
     return "; ".join([sets, *brings[:3], *([f"costs: {', '.join(costs)}"] if costs else [])])

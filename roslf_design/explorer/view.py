@@ -24,6 +24,7 @@ from ..evaluation import Evaluation
 from ..evaluation.groups import Verdict
 from ..evaluation.required import Requirement
 from ..evaluation.result import depth_facts
+from ..evaluation.specification import RIM
 from ..evaluation.verdicts import farthest_off
 from ..lenses.glass import Glass
 from ..reporting.depth.pictures import normalised, profile
@@ -448,7 +449,12 @@ def _asked(required: Sequence[Requirement]) -> dict[str, str]:
 def _named(evaluation: Evaluation, verdict: Verdict) -> dict[str, str]:
     """Title and margin of one of the verdicts that every camera has."""
     title = TITLES.get(verdict.name, verdict.name.replace("_", " "))
-    return {"title": title, "margin": _margin(evaluation, verdict)}
+    return {"title": title.replace("corner", _outermost(evaluation)), "margin": _margin(evaluation, verdict)}
+
+
+def _outermost(evaluation: Evaluation) -> str:
+    """Word for where the field ends that is judged."""
+    return "rim" if evaluation.answer.outermost == RIM else "corner"
 
 
 def _margin(evaluation: Evaluation, verdict: Verdict) -> str:
@@ -501,7 +507,7 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
     if not source.evaluation.has_views:
         return depth_unknown("too few pixels lie across a microlens image to be views.")
     depth, curve = source.evaluation.depth, field_curve(source.real)
-    design, assumed = source.design, depth.assumes
+    design, assumed, outermost = source.design, depth.assumes, _outermost(source.evaluation)
     sigma, rows = depth.sigma_z_mm, _assumed_rows(source.evaluation)
     if not math.isfinite(sigma):
         full = assumed is not None and assumed.electrons > design.sensor.full_well
@@ -529,16 +535,18 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
         what = "noise" if assumed is None else "bound"
         text += f" The {what} holds out to {short(ends, 3)} of {short(last, 3)} mm on the array; beyond, {causes}"
         unknown = not math.isfinite(curve.sigma[-1])
-        text += ", to nothing at the corner." if unknown else f", to {short(curve.sigma[-1], 3)} mm at the corner."
+        text += f", to {'nothing' if unknown else short(curve.sigma[-1], 3) + ' mm'} at the {outermost}."
         tone = "caution"
     if source.real is not design and any(v.name == "sharp_over_field" for v in source.evaluation.verdicts):
         there = short(source.evaluation.answer.corner_lp_per_mm or 0.0, 2)
-        text += f" Off the axis that is the thin lens's: the real one is not sharp there, {there} lp/mm at the corner."
+        text += (
+            f" Off the axis that is the thin lens's: the real one is not sharp there, {there} lp/mm at the {outermost}."
+        )
         tone = "caution"
     if assumed is not None and budget.largest.name != NOISE:
         text += f" More light hardly helps: {budget.largest.name} rules."
         if budget.largest.name == WARMTH:
-            remedy = clauses(COOLER, remedy and f"at the corner {remedy}")
+            remedy = clauses(COOLER, remedy and f"at the {outermost} {remedy}")
     elif assumed is not None:
         dark = design.sensor.read_noise**2 / max(assumed.electrons, 1e-300)
         text += " Twice the contrast halves it; " + (
@@ -586,7 +594,7 @@ def glance(evaluation: Evaluation) -> list[dict[str, str]]:
     for name, share in evaluation.fields[-1].ray_budget.taken():
         landed = {"own cell": "in its own cell", "neighbours": "in its neighbours"}.get(name)
         if landed or share > 0:
-            rows[f"light at the corner {landed or f'lost at {the(name)}'}"] = percent(share, 1)
+            rows[f"light at the {_outermost(evaluation)} {landed or f'lost at {the(name)}'}"] = percent(share, 1)
     return [{"label": to_html(label), "value": value} for label, value in rows.items()]
 
 

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
+from roslf_design.evaluation.fields import rim_field
 from roslf_design.explorer.fixes import proposals
 from roslf_design.theory.exit_pupil import is_telecentric, microlens_image_pitch
 from roslf_design.theory.f_number import fill_factor, mismatch_px
@@ -258,3 +259,34 @@ def test_fixes_behind_a_bore_do_what_they_say(name):
     if "telecentric" in done:
         assert is_telecentric(done["telecentric"])
     assert {"match-d_2", "match-D_F"} <= done.keys()
+
+
+def test_a_round_field_is_freed_at_its_rim_and_no_farther():
+    """By hand: a pencil of the circle of 20 mm on the focal plane, straight lines from it over the FAP to the lens."""
+    asked = {"round_field_radius_mm": {"min": 20.0}}
+    design = PAPER.replace({"required": asked, "sensor.size": (30.0, 30.0)}, d_3=250.0)
+    fix = proposals_of(design)["undistort-d_3"]
+    assert fix.label == "Free the round field by d_3"
+    exact = design.d_f * (design.D - design.D_F) / (design.D + 2 * 20.0)
+    assert fix.changes["d_3"] == pytest.approx(exact, rel=1e-6)
+    assert roslf.evaluate(design.replace(**fix.changes)).non_distortion.undistorted_in_field
+    square = design.replace({"required": {}})
+    assert proposals_of(square)["undistort-d_3"].changes["d_3"] < 0.9 * exact
+    there = design.replace(d_3=exact - 1.0)
+    assert proposals_of(there)["undistort-d_3"].why_not == "the round field is undistorted already"
+    assert proposals_of(square.replace(d_3=exact - 1.0))["undistort-d_3"].changes
+
+
+@pytest.mark.parametrize("asked", [("round_field_radius_mm", 20.0), ("round_field_of_view_deg", 10.0)])
+def test_the_rim_of_a_round_field_of_many_cameras_is_each_one_s_own(asked):
+    name, low = asked
+    design = PAPER.replace({"required": {name: {"min": low}}})
+    places = np.array([0.0, 20.0, 120.0, 250.0])
+    field = rim_field(design, Camera.of(design, {"d_3": places}))
+    # By hand: the focal plane is imaged at -d_1/d_f; an angle about the FAP's middle meets it so far off the axis.
+    off = np.full(4, low) if asked[0].endswith("mm") else (design.d_f - places) * np.tan(np.radians(low / 2))
+    assert np.hypot(*field.half) == pytest.approx(off * design.d_1 / design.d_f, rel=1e-8)
+    own = [rim_field(design.replace(d_3=place), Camera.of(design.replace(d_3=place))).half[0] for place in places]
+    assert field.half[0] == pytest.approx(np.array(own), rel=1e-12)
+    wide = PAPER.replace({"required": {"round_field_radius_mm": {"min": 200.0}}})
+    assert rim_field(wide, Camera.of(wide)).radius == sensor_field(Camera.of(wide)).radius

@@ -33,6 +33,7 @@ from ...drawing.panel import Panel, Scale
 from ...drawing.picture import PAGE, Picture, legend_height, one_panel
 from ...drawing.theme import SMALL, short, text_width
 from ...evaluation import default_fields
+from ...evaluation.fields import rim_field
 from ...evaluation.required import required_distances
 from ...evaluation.working_range import WorkingRange
 from ...theory.depth_budget import BUILT, CALIBRATED, DepthBudget, depth_budget
@@ -40,6 +41,7 @@ from ...theory.depth_error import depth_at, errors_at_fields
 from ...theory.f_number import matched, mismatch_px
 from ...theory.field_of_view import focus_ahead
 from ...theory.length_covariance import CalibratedLengths, LengthCovariance
+from ...theory.light import SensorField
 from ...theory.light_field import rim_disparity
 from ...theory.limits import limits
 from ...theory.quantities import noise_words
@@ -340,7 +342,8 @@ class _MatchingPlane(NamedTuple):
     D_F: Array
     """Ordinates of the map [mm], shape (M,)."""
     margin: Array
-    """Smallest non-distortion margin at the sensor's corner (Eqs. 5-6) [mm^2], shape (M, N); full discs where >= 0."""
+    """Smallest non-distortion margin at the sensor's corner, or the rim of a round field that is required (Eqs. 5-6)
+    [mm^2], shape (M, N); full discs where >= 0."""
 
 
 def _plane_of(design: Design, limits: Point | None = None) -> _MatchingPlane:
@@ -350,7 +353,9 @@ def _plane_of(design: Design, limits: Point | None = None) -> _MatchingPlane:
     """
     camera = Camera.of(design)
     left = min(0.0, LEFT * design.d_3)
-    d_3 = np.linspace(left, _right(camera) if limits is None else min(limits[0], design.d_f * (1 - 1e-3)), POINTS)
+    d_3 = np.linspace(
+        left, _right(design, camera) if limits is None else min(limits[0], design.d_f * (1 - 1e-3)), POINTS
+    )
     exact, approximate = (matched(camera.replace({"d_3": d_3}), "D_F", exact=law).value for law in (True, False))
     here = float(matched(camera, "D_F").value)
     largest = float(np.max(exact, initial=0.0, where=np.isfinite(exact)))
@@ -360,14 +365,17 @@ def _plane_of(design: Design, limits: Point | None = None) -> _MatchingPlane:
     # The mismatch is linear in D_F.
     low, high = mismatch_px(camera.replace({"d_3": across[[0, -1]], "D_F": up[[0, -1]]}))
     band = (np.array([[-1.0], [1.0]]) - low) / (high - low) * D_F[-1]
-    return _MatchingPlane(d_3, exact, approximate, band, D_F, _margin(camera.replace({"d_3": across, "D_F": up})))
+    field = rim_field(design, camera.replace({"d_3": d_3}))
+    return _MatchingPlane(
+        d_3, exact, approximate, band, D_F, _margin(camera.replace({"d_3": across, "D_F": up}), field)
+    )
 
 
-def _margin(camera: Camera) -> Array:
+def _margin(camera: Camera, field: SensorField) -> Array:
     """Linear in D_F and in d_3, unlike the room itself."""
     before = [place for place in camera.numbers if not place.startswith(("microlens_array.", "sensor."))]
     centred = camera.replace({place: 0.0 for place in before if ".decentre." in place})
-    return np.asarray(2 * np.abs(camera.seen.gap) * corner_room(centred).min(axis=0))
+    return np.asarray(2 * np.abs(camera.seen.gap) * corner_room(centred, field).min(axis=0))
 
 
 def _telecentric(camera: Camera) -> float:
@@ -377,12 +385,13 @@ def _telecentric(camera: Camera) -> float:
     return math.nan if camera.chain.bends else float(camera.chain.stands_at(camera.numbers, camera.f))
 
 
-def _right(camera: Camera) -> float:
+def _right(design: Design, camera: Camera) -> float:
     """A d_3 beyond the design, telecentricity, the undistorted region and the match for the design's own D_F."""
     d_f, d_3 = (float(camera[PATHS[symbol]]) for symbol in ("d_f", "d_3"))
     reach = d_f * (1 - 1e-3)
     tried = np.linspace(0.0, reach, 401)
-    clear = tried[_margin(camera.replace({"d_3": tried, "D_F": np.zeros_like(tried)})) >= 0]
+    moved = camera.replace({"d_3": tried, "D_F": np.zeros_like(tried)})
+    clear = tried[_margin(moved, rim_field(design, moved)) >= 0]
     match = matched(camera, "d_3")
     telecentric = _telecentric(camera)
     ends = telecentric, float(clear.max(initial=0.0)), float(match.value) if match.exists else 0.0
