@@ -116,7 +116,8 @@ class _Tab:
             try:
                 for part in self.session.parts():
                     values = await asyncio.get_running_loop().run_in_executor(ASIDE, part)
-                    self._fresh = [*{*self._fresh, *values}] if self._asked == asked else []
+                    # In one order: another one would be sent as news, at each tick of a run.
+                    self._fresh = sorted({*self._fresh, *values}) if self._asked == asked else []
                     self._update({**values, "fresh": self._fresh})
                     if self._asked != asked:
                         break
