@@ -166,6 +166,7 @@ def evaluate(
         design=design.name,
         answer=answer,
         **Numbers.of(camera, ""),
+        entrance_pupil=Numbers.of(camera, "entrance_pupil"),
         exit_pupil=Numbers.of(
             camera,
             "exit_pupil",

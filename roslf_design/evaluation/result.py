@@ -41,9 +41,10 @@ LEAST = (30, 14, 0)
 
 
 SYMBOLS = (
-    "FAP (flexible angular plane): the aperture stop's image in object space, the entrance pupil, of diameter D_F, d_3 "
-    "before the main lens (D, f); the microlens array (MLA, pitch d) stands d_1 behind it, the sensor (pixels q) d_2 "
-    "behind that, the focal plane d_f before the lens; H = d_f/(d_f - d_3). Other words: docs/glossary.md."
+    "FAP (flexible angular plane): the aperture stop, of diameter D_F, d_3 before the main lens (D, f); where nothing "
+    "bends light before it, it is the entrance pupil itself; the microlens array (MLA, pitch d) stands d_1 behind the "
+    "lens, the sensor (pixels q) d_2 behind that, the focal plane d_f before the lens; H = d_f/(d_f - d_3). Other "
+    "words: docs/glossary.md."
 )
 """Symbols of all tables, explained once."""
 
@@ -68,6 +69,8 @@ class Evaluation:
     """H, Eq. 3."""
     inverse_aperture_constant: float
     """1/H, which stays finite as d_3 -> d_f."""
+    entrance_pupil: Numbers
+    """The aperture stop as the scene sees it."""
     exit_pupil: Numbers
     """The image of the FAP by the main lens."""
     f_number: Numbers
@@ -218,7 +221,7 @@ def fact_tables(result: Evaluation) -> list[Table]:
     across = "image-space telecentric" if pupil.telecentric else _across(pupil)
     tables = {
         "Pupils": [
-            *_facts(result, ""),
+            *_facts(result, "entrance_pupil", ""),
             ("exit pupil behind the lens", f"{number(pupil.distance_from_lens_mm)} mm", across),
             *_facts(result, "exit_pupil"),
         ],

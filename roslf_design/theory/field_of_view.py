@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._arrays import Array, ratio
+from .._arrays import Array, magnitude, ratio
 from ..camera import Camera, Number
 from ..design.parts import PATHS
 from .chief_rays import ChiefRays, Place, Places, chief_rays
-from .light import SensorField, object_scale
+from .light import SensorField, chief_spread, object_scale
 
 NEAR = 0.002
 """Part of a pitch to either side of a microlens, between whose chief rays its scale is taken."""
@@ -97,6 +97,20 @@ def _apart(one: Places, other: Places) -> Array:
 def focus_ahead(c: Camera) -> Array:
     """Distance from the tip to the focal plane [mm]."""
     return np.asarray(c[PATHS["d_f"]] - c.tip)
+
+
+def entrance_pupil_ahead(c: Camera) -> Array:
+    """Distance from the tip to the entrance pupil, the FAP as the scene sees it [mm]; below 0 where it lies behind."""
+    return np.asarray(c.entrance_pupil_distance - c.tip)
+
+
+def entrance_pupil_diameter(c: Camera) -> Array:
+    """Diameter of the entrance pupil [mm], D_F in air; inf where it is at infinity.
+
+    By Lagrange's invariant: index times slope of a chief ray times the pupil's size are the same before and behind all
+    that bends light.
+    """
+    return ratio(magnitude(c.seen.D_F), chief_spread(c))
 
 
 def feet(field: SensorField) -> tuple[Place, ...]:
