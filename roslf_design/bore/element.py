@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
 from .._arrays import Array
 from ..lenses.angles import F_TAN, AngleMap
@@ -21,6 +22,8 @@ from .export import SequenceRow
 from .faces import Face, Surroundings
 from .part import Number, Offset, OpticalPart, PartNumbers, Tilt
 
+LONGEST_NAME = 24
+"""Characters that a name has at most: it stands in columns and in drawings."""
 Matrix = tuple[Number, Number, Number, Number]
 """A, B, C and D of light towards the sensor, its slopes times index."""
 Outline = NDArray[np.float64]
@@ -41,6 +44,8 @@ class Element(OpticalPart):
     """Offset from the axis [mm]."""
     tilt: Tilt = (0.0, 0.0)
     """About the sensor-side vertex [rad]."""
+    name: Annotated[str, Field(max_length=LONGEST_NAME, pattern=r"^\S(.*\S)?$")] | None = None
+    """Name on pages and in tables, such as "ocular"; by its kind and number, "lens 1", where none is given."""
 
     number_keys: ClassVar[tuple[str, ...]] = ("distance", "diameter")
     """Its lengths and other numbers, as far as it has them."""

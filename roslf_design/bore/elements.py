@@ -38,8 +38,8 @@ class ObjectSpace(OpticalPart):
 
 
 def element_name(element: AnyElement, number: int) -> str:
-    """Name of an element, "plate 1"; its rims are "plate 1, front" and "plate 1, back"."""
-    return f"{element.kind} {number}"
+    """Name of an element, as given or "plate 1"; its rims are "plate 1, front" and "plate 1, back"."""
+    return element.name or f"{element.kind} {number}"
 
 
 def made_of(element: AnyElement) -> tuple[str, ...]:

@@ -74,6 +74,14 @@ def about_sheet(design: Assembly) -> Iterator[Problem]:
         yield Problem("main_lens.focal_plane", f"{shown(plane)} is behind the lens's front vertex; focus farther out")
 
 
+def _about_names(design: Assembly) -> Iterator[Problem]:
+    """Names that two parts of the bore have."""
+    at: dict[str, str] = {}
+    for part in design.placed:
+        if (other := at.setdefault(part.name, part.place)) != part.place:
+            yield Problem(f"{part.place}.name", f'"{part.name}" is the name of {other}, too; give each its own')
+
+
 def about_elements(design: Assembly, known: Sequence[Problem]) -> tuple[Problem, ...]:
     """Faults of elements: overlap with each other, stops, the focal plane.
 
@@ -81,7 +89,7 @@ def about_elements(design: Assembly, known: Sequence[Problem]) -> tuple[Problem,
     """
     spans = [(at.place, at.near, at.far) for at in design.in_bore]
     names = {at.place: at.name for at in design.in_bore}
-    problems = []
+    problems = [*_about_names(design)]
     if not spans and design.object_space.medium != AIR:
         name = design.object_space.medium.name
         message = (

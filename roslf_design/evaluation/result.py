@@ -396,14 +396,19 @@ def budget_table(result: Evaluation) -> Table:
         for field, budget in zip(result.fields, budgets, strict=True)
     )
     names = [name for name, _ in budgets[0]] if budgets else []
-    taking = [name if name in ("own cell", "neighbours") else f"lost at {name}" for name in names]
+    beside = ("own cell", "neighbours")
+    taking = [name if name in beside else f"lost at {name}" for name in names]
     title = f"Ray budget{_whose(result)}: of the rays that fill the pupil, in the order of light"
-    if result.object_space is not None:  # of as many elements as there may be, one row each
+    if result.object_space is not None:  # of as many elements as there may be: one row each that takes light
+        shares = list(zip(*([share for _, share in budget] for budget in budgets), strict=True))
+        lines = [
+            (label, own) for label, name, own in zip(taking, names, shares, strict=True) if any(own) or name in beside
+        ]
+        if idle := len(names) - len(lines):
+            lines.insert(-2, (f"lost at the other {idle}", (0.0,) * len(budgets)))
+        cells = tuple((label, *(f"{fixed(100 * share, 2)} %" for share in own)) for label, own in lines)
         headings = ("microlens x, y [mm]", *(place(field.x_ml_mm) for field in result.fields))
-        columns = tuple(
-            zip(taking, *([f"{fixed(100 * share, 2)} %" for _, share in budget] for budget in budgets), strict=True)
-        )
-        return Table(columns, "l" + "r" * len(budgets), headings, title)
+        return Table(cells, "l" + "r" * len(budgets), headings, title)
     return Table(tuple(rows), "l" + "r" * len(taking), ("microlens x, y [mm]", *taking), title)
 
 

@@ -19,6 +19,7 @@ from pydantic import BeforeValidator, Field, create_model
 
 from ..bore.chain import MEDIUM
 from ..bore.conjugates import REFRACTING
+from ..bore.elements import element_name
 from ..bore.opening import DIAMETER
 from ..bore.part import TEMPERATURE
 from ..camera import BESIDE, VIEWING_CONDITIONS, Camera
@@ -195,7 +196,8 @@ def short_name(place: str, design: Design | None = None) -> str:
         part = f"stop {int(index) + 1}"
     if part == "elements":
         index, _, rest = rest.partition(".")
-        part = f"{'element' if design is None else design.elements[int(index)].kind} {int(index) + 1}"
+        number = int(index)
+        part = f"element {number + 1}" if design is None else element_name(design.elements[number], number + 1)
     if place.startswith(LENSLETS):
         part, (_, field, rest) = "microlens", rest.split(".", 2)
         part = f"{part} of field {field}"

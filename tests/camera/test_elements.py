@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import mpmath as mp
 import numpy as np
@@ -477,3 +478,28 @@ def test_an_empty_bore_leaves_every_plane_where_it_is(z):
 def test_a_build_that_is_no_camera_names_the_element_as_its_file_does():
     build = Camera.of(PAPER.replace({"elements": [PLATE]})).replace({"elements.0.thickness": -0.1})
     assert "[[elements]] 1, thickness is not above 0" in [words for words, holds in build.faults().items() if holds]
+
+
+def test_elements_go_by_their_names():
+    """Verdicts, ray budget and saved files have the names given; two parts of one name are refused."""
+    named = PAPER.replace({"elements": [PLATE | {"name": "window"}, PLATE | {"distance": 120.0}]})
+    page = roslf.evaluate(named).everything
+    assert "window" in page
+    assert "plate 2" in page
+    assert "plate 1" not in page
+    assert loads(dumps(named)).elements == named.elements
+    for name, other in (("window", {"name": "window"}), ("plate 2", {}), ("FAP", {})):
+        with pytest.raises(DesignError, match=f'"{name}" is the name of'):
+            PAPER.replace({"elements": [PLATE | {"name": name}, PLATE | {"distance": 120.0} | other]})
+
+
+def test_ray_budget_folds_what_takes_no_light():
+    """Shares that are shown add up to one, whatever is folded."""
+    result = roslf.evaluate("cystoscope")
+    rows = next(part for part in result.everything.split("Ray budget")[1:])
+    table = rows.split("\n\n")[0]
+    assert "lost at the other" in table
+    shares = [float(share) for share in re.findall(r"([\d.]+) %", table)]
+    fields = len(result.fields)
+    for k in range(fields):
+        assert sum(shares[k::fields]) == pytest.approx(100, abs=0.05)
