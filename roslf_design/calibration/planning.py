@@ -40,6 +40,8 @@ RESERVE = 0.1
 """Standard deviation over a quantity's size from which it is quoted with reserve alone; from 1 on it is not quoted."""
 _NEAR = 0.1
 """d_3 over d_1 below which d_3, which may be 0, is held against d_1 in its place."""
+_LEAST = 3
+"""Number of boards that a plan is looked at with, at least."""
 _STEEPEST = math.radians(40.0)
 """Beyond this tilt corners are no longer found well."""
 USUAL = Board(4, 5, 6.0)
@@ -286,7 +288,7 @@ class _ExpectedErrors(NamedTuple):
 
 
 class _PlanChange(NamedTuple):
-    """Change of the planned captures that would help."""
+    """Change of the planned captures: one that would help, or fewer boards."""
 
     what: str
     expected: _ExpectedErrors
@@ -465,12 +467,18 @@ def reason(captures: Captures) -> str:
     return "too few boards, too small tilts or too much noise"
 
 
+def fewer_boards(captures: Captures) -> str:
+    """Name of the change that leaves every second board out."""
+    return f"show {captures.boards // 2} boards instead of {captures.boards}"
+
+
 def _alternatives(captures: Captures, sheet: DataSheet) -> Iterator[tuple[str, Captures, DataSheet]]:
     board = captures.board
     tilt = min(max(1.5 * captures.tilt, math.radians(10.0)), _STEEPEST)
     n, spread = captures.boards, captures.distance_range
     shown: dict[str, dict[str, Any]] = {
         f"show {2 * n} boards instead of {n}": {"boards": 2 * n},
+        **({fewer_boards(captures): {"boards": n // 2}} if n // 2 >= _LEAST else {}),
         f"spread the distances over {2 * spread:.4g} mm": {"distance_range": 2 * spread},
         "halve the corner noise": {"noise": captures.noise / 2},
     }

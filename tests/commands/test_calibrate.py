@@ -14,6 +14,7 @@ import roslf_design as roslf
 from roslf_design.calibration import Board, CalibrationError, Captures, outcome
 from roslf_design.calibration.frames import read_capture, read_image
 from roslf_design.calibration.planning import too_large
+from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.commands.terminal import json_text
 from roslf_design.depth.geometry import calibration_sigma
@@ -432,6 +433,25 @@ def test_boards_at_one_depth_are_used_with_a_warning(capsys, captured, small, tm
     assert (code, err) == (0, "")
     assert "The boards stand at one depth, within" in said
     assert "spread their distances" in said
+
+
+def test_a_plan_lists_changes_by_depth_and_says_what_boards_add_and_leave_out(capsys):
+    """Each number beside a plan that is asked for with that change, or with boards at that distance."""
+    _, said, _ = run(capsys, "calibrate", "--plan", "paper")
+    said = " ".join(said.split())
+    depths = [float(row) for row in re.findall(r" \d\.\d\d (0\.\d+)(?= [a-z]|$)", said.partition("one change")[2])]
+    assert len(depths) > 6
+    assert depths == sorted(depths)
+    six = re.search(r"Every second board adds little to that: 6 tell ± (\S+) mm", said)[1]
+    _, fewer, _ = run(capsys, "calibrate", "--plan", "paper", "--boards", "6")
+    assert f"U = ± {six} mm in the focal plane" in " ".join(fewer.split())
+    near, far, end = re.search(r"Boards stand from (\S+) to (\S+) mm .* ends at (\S+) mm: beyond", said).groups()
+    _, wider, _ = run(capsys, "calibrate", "--plan", "paper", "--at", f"{end} mm", "--json")
+    captures = json.loads(wider)["captures"]
+    tip = float(Camera.of(load("paper")).tip)
+    half = captures["range_mm"] / 2 * (1 - 1 / captures["boards"])
+    assert captures["distance_mm"] + half - tip > float(far)
+    assert float(near) < float(far) < float(end)
 
 
 def test_the_plan_of_the_paper(capsys):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,7 @@ from ...calibration.planning import (
     RESERVE,
     CapturePlan,
     Trust,
+    fewer_boards,
     sizes_of,
     smaller_board,
     too_large,
@@ -37,6 +39,7 @@ from ...drawing.picture import Picture
 from ...drawing.svg import redrawn
 from ...errors import InputError, Problem
 from ...evaluation.required import required_of
+from ...evaluation.working_range import WorkingRange
 from ...input_files import read_bytes
 from ...theory.depth_budget import DepthBudget, depth_budget
 from ...tolerancing.places import short_name
@@ -83,6 +86,8 @@ SOURCES: dict[str, tuple[str, str, str]] = {
     "distances": ("distances", "the boards' distances", "measure them better"),
 }
 """Where variance comes from: at the head of a column, in a sentence, and what lessens it."""
+REACHED = 1.05
+"""Ratio of a working range's far end to the farthest board's distance up to which boards reach it."""
 VARIANCE = "Where the variance comes from"
 """Title of the table of its shares."""
 RATIOS = (
@@ -551,11 +556,15 @@ def plan_blocks(
     promise = f"Calibration as planned, {supposed}: depth, expected, to U = {'; '.join(depths)}."
     promise += f" Assumes a board of {c.board.columns} x {c.board.rows} cells."
     remedy = sentence(f"{best}: ± {_rounded(2 * after[best])} in the focal plane") if helps else NO_GAIN
+    fewer = after.get(fewer_boards(c), math.inf)
+    if fewer <= LEAST_GAIN * float(depth.u_z_mm):
+        remedy += f" Every second board adds little to that: {c.boards // 2} tell ± {_rounded(2 * fewer)}."
     answers = [Statement("plain", promise, remedy)]
     large = too_large(design, c)
     if large:
         answers.append(Statement("caution", sentence(large), sentence(smaller_board(design, c))))
-    answers += filter(None, [cover_statement(plan_cover(design, c, asked), wider_board(design, c, asked))])
+    covered = cover_statement(plan_cover(design, c, asked), wider_board(design, c, asked))
+    answers += filter(None, [covered, _far_end(design, plan, asked, build)])
     known = lengths_after(design, plan, asked)
     required = (one for one in required_of(design, build, known) if one.quantity == "u_z_mm")
     told = (one.verdict for one in required)
@@ -580,7 +589,7 @@ def plan_blocks(
             f"{c.gain(before):.2f}",
             number(after[c.what], 3),
         )
-        for c in plan.changes
+        for c in sorted(plan.changes, key=lambda change: after[change.what])
     )
     return (
         Paragraph(_assumed(design, plan, asked)),
@@ -595,6 +604,22 @@ def plan_blocks(
         ),
         Code(command, "Once images are captured, with the design below as design.toml"),
     )
+
+
+def _far_end(design: Design, plan: CapturePlan, asked: PlanOptions, build: LengthCovariance | None) -> Statement | None:
+    """Far end of the working range as calibrated, where no board stands; None where one does or it is told already."""
+    cover, known = plan_cover(design, plan.captures, asked), lengths_after(design, plan, asked)
+    camera, far = Camera.of(design), cover.farthest_mm
+    within = WorkingRange.of(camera, partial(depth_budget, camera, build=build, calibration=known)).ends
+    told = any(one.at_mm > far for one in cover.uncovered)
+    if told or within is None or not far * REACHED < within[1] < math.inf:
+        return None
+    end = f"{number(within[1], 3)} mm"
+    text = (
+        f"Boards stand from {number(cover.nearest_mm, 3)} to {number(far, 3)} mm ahead of the tip; the working range, "
+        f"lengths as calibrated, ends at {end}: beyond the boards the model alone tells depth."
+    )
+    return Statement("plain", text, f'`--at "{end}"` takes boards there, or says why one cannot serve.')
 
 
 def _promise(design: Design, plan: CapturePlan, asked: PlanOptions, build: LengthCovariance | None) -> Statement:
