@@ -95,6 +95,16 @@ def test_out_of_a_liquid_comes_what_rays_carry(index):
         assert float(electrons(Camera.of(design))) == pytest.approx(by_rays, rel=1e-6)
 
 
+@pytest.mark.parametrize("number", ["D_F", "d_2", "d", "d_3", "q"])
+def test_a_changed_camera_has_the_light_that_its_own_rays_carry(number):
+    """Same lamp and exposure, as optimisers and builds have them: no wider FAP makes a pixel brighter."""
+    design = submerged(1.0)
+    values = getattr(design, number) * np.array([0.7, 1.0, 1.4])
+    many = electrons(Camera.of(design, {number: values}))
+    by_rays = [electrons_of_rays(design.replace({number: value}), 1.0, 1e5 * 0.3 / np.pi / 683) for value in values]
+    np.testing.assert_allclose(np.broadcast_to(many, 3), by_rays, rtol=1e-6)
+
+
 def test_the_cystoscope_in_water_has_the_electrons_of_water():
     design = roslf.load("cystoscope")
     in_air = design.replace({"object_space.medium": "air"})
