@@ -59,6 +59,9 @@ USUAL_PIXEL, ALIKE = 3.45e-3, 2.0
 FAST, WIDE = 1.4, 46.0
 """f-number and full field [degrees] of a double Gauss lens, the fastest of the standard forms at such a field: the
 example of 50 mm in W. J. Smith, Modern Lens Design, p. 335."""
+FASTEST_LENS = 0.9
+"""f-number below which hardly any lens with a field is sold: the fastest of the makers of camera lenses end at f/0.95
+(Leica Noctilux-M 50 mm, Voigtländer Nokton 25 mm), but for single ones of f/0.8; aspheres for one pencil are faster."""
 FASTEST_ARRAY = 3.0
 """f-number f_ml/d, rounded down, of the fastest microlens array in the catalogue (SUSS 18-00079, NA 0.16: f/3.1)."""
 NEAR = 1e-2
@@ -97,7 +100,7 @@ def verdicts_of(
 
 
 def lens_speed(design: Design, camera: Camera) -> tuple[Verdict, ...]:
-    """Whether an ideal main lens takes in more than known forms of lenses do; nothing where it does not, or is real.
+    """Whether an ideal main lens is faster, or takes in more, than known lenses; nothing where not, or it is real.
 
     Aperture by field, (D/d_1) tan(w), is the Lagrange invariant in terms of the lens's own length: no scale changes it.
     Of a round field that is required it is judged at the rim.
@@ -106,14 +109,16 @@ def lens_speed(design: Design, camera: Camera) -> tuple[Verdict, ...]:
     rim = round_radius(design)
     tangent = (float(sensor_field(camera).radius) if rim is None else rim) / (speed * float(camera.D))
     beyond = tangent / speed / (math.tan(math.radians(WIDE / 2)) / FAST)
-    if not isinstance(design.main_lens.kind, IdealMainLens) or beyond <= 1:
+    unsold = speed < FASTEST_LENS * (1 - FEASIBLE)
+    if not isinstance(design.main_lens.kind, IdealMainLens) or not (unsold or beyond > 1):
         return ()
+    idealised = f", and an idealisation: hardly any lens faster than f/{FASTEST_LENS:g} is sold" if unsold else ""
     text = (
         f"ideal lens: f/{speed:.3g} over {2 * math.degrees(math.atan(tangent)):.3g} degrees as the lens's own middle "
         f"sees the {'array' if rim is None else RIM} (the field of view is from the entrance pupil), "
-        f"{beyond:.3g} times the aperture by field of a double Gauss, f/{FAST:g} over {WIDE:g} degrees; single pencils "
-        f"f/{float(pupil_f_number(camera)):.3g}; a lens of one or two elements can take that in, but hardly sharp over "
-        "the field: its aberrations are not in these figures"
+        f"{beyond:.3g} times the aperture by field of a double Gauss, f/{FAST:g} over {WIDE:g} "
+        f"degrees{idealised}; single pencils f/{float(pupil_f_number(camera)):.3g}; a lens of one or two elements can "
+        "take that in, but hardly sharp over the field: its aberrations are not in these figures"
     )
     remedy = "`roslf evaluate` with a real lens (main_lens.prescription) before trusting resolution and depth"
     return (Verdict("lens_speed", False, "limit", text, remedy),)

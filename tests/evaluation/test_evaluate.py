@@ -343,6 +343,16 @@ def test_an_ideal_lens_beyond_a_double_gauss_of_f_1_4_over_46_degrees_says_so():
     assert not any(verdict.name == "lens_speed" for verdict in roslf.evaluate("paper-singlet").verdicts)
 
 
+@pytest.mark.parametrize(("f_number", "told"), [(0.899, True), (0.901, False)])
+def test_a_lens_faster_than_any_that_is_sold_is_an_idealisation_however_small_its_field(f_number, told):
+    design = roslf.load("paper").replace({"sensor.size": (2.0, 2.0)})
+    fast = design.replace({"main_lens.diameter": design.d_1 / f_number})
+    verdicts = [verdict for verdict in roslf.evaluate(fast).verdicts if verdict.name == "lens_speed"]
+    assert ["idealisation: hardly any lens faster than f/0.9" in verdict.text for verdict in verdicts] == [True] * told
+    scope = {verdict.name: verdict for verdict in roslf.evaluate("rigid-scope").verdicts}["lens_speed"]
+    assert "an idealisation" in scope.text.partition("; ")[0]  # in brief
+
+
 def test_a_round_field_s_ideal_lens_is_judged_at_its_rim():
     """The chief ray of half the angle meets the lens at h = d_3 tan(w), and the array d_1 behind it."""
     scope = roslf.load("rigid-scope")
