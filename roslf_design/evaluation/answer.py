@@ -286,8 +286,7 @@ class FirstAnswer:
                 ("outer diameter", outer, self.head),
             )
         if self.outer_diameter_about == tube.NARROWEST:
-            uncounted = self.outer_diameter_counts.replace("without", "no").replace("sensor ", "")
-            return (*rows, ("outer diameter", outer, f"no [tube] stated: optics alone, {uncounted}"))
+            return (*rows, ("outer diameter", outer, f"no [tube] stated: {self.outer_diameter_counts}"))
         return (*rows, ("outer diameter", outer, f"of {self.inserted}; {walls}"))
 
     @property

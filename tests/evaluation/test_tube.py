@@ -134,7 +134,7 @@ def test_what_is_inserted_and_what_stays_outside_are_two_lines(scope):
     assert rows["outer diameter"] == ("10 mm", words)
     for tube, says in (
         (TUBE, "of all of the camera; tube"),
-        (None, "no [tube] stated: optics alone, no wall"),
+        (None, "no [tube] stated: without wall, "),
     ):
         answer = roslf.evaluate(scope.replace({"tube": tube})).answer
         (remark,) = [remark for name, _, remark in answer.rows if name == "outer diameter"]
