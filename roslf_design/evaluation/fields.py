@@ -50,6 +50,8 @@ TRIED = 33
 """Microlenses towards the field's corner between which one is looked for, twice: to 1e-6 of the way there."""
 HALVINGS = 40
 """Steps in which the rim of a round field is looked for, to 1e-12 of the way to the sensor's corner."""
+ROUND_FIELD = "round field"
+"""Words for the field that a design requires to be round."""
 MOST_FIELDS = 500
 """Fields looked at in one run."""
 TRACING = 1.5
@@ -147,6 +149,11 @@ def judged_field(design: Design) -> SensorField:
         return sensor_field(Camera.of(design))
     half = np.asarray(radius / math.sqrt(2))
     return SensorField((-half, -half), (half, half))
+
+
+def judged_part(design: Design) -> str:
+    """Part of what the sensor sees that `judged_field` is of, in words."""
+    return "whole sensor" if round_radius(design) is None else ROUND_FIELD
 
 
 def rim_field(design: Design, camera: Camera) -> SensorField:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..design import PATHS, Design, DesignError
 from ..drawing.theme import short
-from ..evaluation.fields import rim_field, round_radius
+from ..evaluation.fields import ROUND_FIELD, judged_part, rim_field
 from ..evaluation.remedies import BETWEEN, ROUNDS, nearest_holding
 from ..theory.exit_pupil import is_telecentric
 from ..theory.f_number import fill_factor, matched
@@ -110,7 +110,7 @@ def proposals(design: Design) -> tuple[Fix, ...]:
         to the design do what the label says; those that cannot, or have nothing to do, say why.
     """
     camera, now = Camera.of(design.thin_twin), _Facts.of(design)
-    part = _part(design)
+    part = judged_part(design)
     focus = "d_3 = f" if camera.chain.in_air else "FAP seen through the bore at f"
     every = (
         *((f"match-{symbol}", f"Match f-number by {symbol}", symbol, way) for symbol, way in _matching(camera, now)),
@@ -176,11 +176,6 @@ def _nearest_place(camera: Camera, off: Callable[[Floats | float], Floats]) -> f
     return min(zeros, key=lambda place: abs(place - float(camera[PATHS["d_3"]])), default=None)
 
 
-def _part(design: Design) -> str:
-    """Part of what the sensor sees that is to be whole, in words."""
-    return "whole sensor" if round_radius(design) is None else "round field"
-
-
 def _undistorting(design: Design, camera: Camera) -> Change:
     """The FAP moved no farther than the outermost pencil needs to clear every rim."""
 
@@ -193,13 +188,13 @@ def _undistorting(design: Design, camera: Camera) -> Change:
 
     here = float(camera[PATHS["d_3"]])  # with a ruler, as what replaces it
     if rooms(here).min() >= 0:
-        return f"the {_part(design)} is undistorted already"
+        return f"the {judged_part(design)} is undistorted already"
     # What the sensor sees changes with the distance, too: room may come, go and come again.
     places = _with_peaks(least, camera)
     free = nearest_holding(lambda d_3: least(d_3) >= 0, places[np.argsort(np.abs(places - here))], here)
     if free is None:
         tightest = int(np.argmin(rooms(float(places[int(np.argmax(least(places)))]))))
-        rim, part = camera.rims[tightest].opening, _part(design).split()[-1]
+        rim, part = camera.rims[tightest].opening, judged_part(design).split()[-1]
         return f"no FAP distance frees it: the {rim} is too small for this FAP and {part}"
     return free
 
@@ -259,7 +254,7 @@ def _with_consequences(design: Design, now: _Facts, key: str, label: str, symbol
             changed = design.replace(**changes)
     except DesignError as error:
         return Fix(key, label, why_not=error.problems[0].message)
-    outermost = "sensor's corner" if round_radius(design) is None else "round field's rim"
+    outermost = "round field's rim" if judged_part(design) == ROUND_FIELD else "sensor's corner"
     return Fix(key, label, changes, _outcome(changes, now, _Facts.of(changed), outermost))
 
 

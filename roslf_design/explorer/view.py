@@ -205,7 +205,7 @@ def _of(
 
 DRAWINGS = {
     "meridional": _Drawing(
-        "camera", "Rays in the meridional section", (1040, 240), lambda s: (s.design, s.look.whole),
+        "camera", "Meridional section", (1040, 240), lambda s: (s.design, s.look.whole),
         lambda design, whole, size: _section(design, whole, size),
     ),
     "microlens": _Drawing(

@@ -9,6 +9,7 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.evaluation.fields import rim_field
 from roslf_design.explorer.fixes import proposals
+from roslf_design.reporting.design.curves import matching_plane
 from roslf_design.theory.exit_pupil import is_telecentric, microlens_image_pitch
 from roslf_design.theory.f_number import fill_factor, mismatch_px
 from roslf_design.theory.focused import LEAST_VIEWS, filtered_views
@@ -270,6 +271,7 @@ def test_a_round_field_is_freed_at_its_rim_and_no_farther():
     exact = design.d_f * (design.D - design.D_F) / (design.D + 2 * 20.0)
     assert fix.changes["d_3"] == pytest.approx(exact, rel=1e-6)
     assert roslf.evaluate(design.replace(**fix.changes)).non_distortion.undistorted_in_field
+    assert "round field undistorted, Eq. 6" in [key.text for key in matching_plane(design).keys]
     square = design.replace({"required": {}})
     assert proposals_of(square)["undistort-d_3"].changes["d_3"] < 0.9 * exact
     there = design.replace(d_3=exact - 1.0)

@@ -33,7 +33,7 @@ from ...drawing.panel import Panel, Scale
 from ...drawing.picture import PAGE, Picture, legend_height, one_panel
 from ...drawing.theme import SMALL, short, text_width
 from ...evaluation import default_fields
-from ...evaluation.fields import rim_field
+from ...evaluation.fields import judged_part, rim_field
 from ...evaluation.required import required_distances
 from ...evaluation.working_range import WorkingRange
 from ...theory.depth_budget import BUILT, CALIBRATED, DepthBudget, depth_budget
@@ -452,7 +452,7 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
         line_key("matched: images just touch, Eq. 7", "blue", 2.4),
         box_key("within ±1 px", "blue", 0.2),
         line_key("approximation, Eq. 8", "orange", 1.6, "7 4"),
-        box_key(f"whole sensor undistorted, Eq. 6{nowhere}", "green", 0.16, "green"),
+        box_key(f"{judged_part(design)} undistorted, Eq. 6{nowhere}", "green", 0.16, "green"),
         dot_key(f"this design: d_3 = {short(thin.d_3)} mm, D_F = {short(thin.D_F)} mm", "vermillion", size=5),
         *([telecentric_key] if telecentric <= across.high else []),
         *([box_key("glass stands there", "grey", 0.9, hatch=True)] if glass else []),
