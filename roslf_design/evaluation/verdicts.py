@@ -545,10 +545,10 @@ def named_otherwise(design: Design) -> Iterator[Verdict]:
 
 
 def full_well_doubt(design: Design) -> str:
-    """Caution that the full well is taken as that of other pixels than the named sensor's; empty where it is not."""
+    """Caution that the full well is taken as that of other pixels than the sensor's; empty where it is not."""
     sensor = design.sensor
     larger, assumed = (sensor.pixel / USUAL_PIXEL) ** 2, type(sensor).model_fields["full_well"].default
-    if sensor.part is None or sensor.full_well != assumed or 1 / ALIKE <= larger <= ALIKE:
+    if sensor.full_well != assumed or 1 / ALIKE <= larger <= ALIKE:
         return ""
     return (
         f"full well assumed, {number(sensor.full_well)} electrons: of a pixel of {length(USUAL_PIXEL)}, and those of "
@@ -563,7 +563,7 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
         wide = "than a microlens" if design.q > array.pitch else "than those of any usual sensor"
         meant = "" if pixel < 0.1 else f", or are {pixel:.4g} um meant?"
         yield f"pixels of {length(pixel)} are wider {wide} (pitch {length(array.pitch)}): check sensor.pixel{meant}"
-    if doubt := full_well_doubt(design):
+    if design.sensor.part is not None and (doubt := full_well_doubt(design)):
         yield doubt
     for side, mla, sensor in zip(("wide", "high"), array.size, design.sensor_size, strict=True):
         if sensor > mla * (1 + 1e-9):

@@ -8,6 +8,9 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.catalogue.entries import named_window
 from roslf_design.errors import InputError
+from roslf_design.evaluation.verdicts import full_well_doubt
+from roslf_design.reporting.blocks import Table
+from roslf_design.reporting.sheet.lines import basis, datasheet_section
 from roslf_design.theory.light import sensor_field
 
 HEAD = """
@@ -118,3 +121,16 @@ def test_a_named_sensor_whose_pixels_are_not_those_of_the_assumed_full_well_says
     assert "10500 electrons: of a pixel of 3.45 um, and those of the sensor are of 2 um; state full_well" in doubt
     assert not told(text.replace('part = "IMX335"', 'part = "IMX335"\nfull_well = 8000'))
     assert not told(text.replace('part = "IMX335"', 'part = "IMX335"\npixel = "2.5 um"'))  # 0.53 of the area
+
+
+@pytest.mark.parametrize("name", roslf.preset_names())
+def test_a_preset_s_small_pixels_hold_what_such_pixels_do_or_its_sheet_says_that_it_is_assumed_otherwise(name):
+    """Half to twice 1000 electrons per um^2 of small pixels; rigid-scope keeps its numbers, pipe-bore's are larger."""
+    design = roslf.load(name)
+    doubt, micrometres = full_well_doubt(design), 1e3 * design.sensor.pixel
+    assert bool(doubt) == (name in ("rigid-scope", "pipe-bore"))
+    if 1 <= micrometres <= 3 and not doubt:
+        assert 500 <= design.sensor.full_well / micrometres**2 <= 2000
+        assert "full well assumed" in design.source
+    captions = [block.caption for block in datasheet_section(basis(design)).blocks if isinstance(block, Table)]
+    assert any("Caution: full well assumed, 10500 electrons" in caption for caption in captions) == bool(doubt)
