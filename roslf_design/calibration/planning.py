@@ -23,7 +23,7 @@ from .fit import shared_names
 from .frames import Array, CalibrationError
 from .least_squares import undetermined
 from .lengths import calibrated_lengths
-from .model import Board, DataSheet, Intrinsics, Observations, Poses, derived, project_boards
+from .model import QUANTITIES, Board, DataSheet, Intrinsics, Observations, Poses, derived, project_boards
 from .posterior import laplace_draws, variance_shares
 from .sidedata import SideDatum, image_pitch, white_pitch
 from .space import ApparentCamera, shown_by
@@ -40,6 +40,8 @@ RESERVE = 0.1
 """Standard deviation over a quantity's size from which it is quoted with reserve alone; from 1 on it is not quoted."""
 _NEAR = 0.1
 """d_3 over d_1 below which d_3, which may be 0, is held against d_1 in its place."""
+_INFINITE = 1e-9
+"""Magnification of the main lens below which its focus is at infinity: no board tells it from 0."""
 _LEAST = 3
 """Number of boards that a plan is looked at with, at least."""
 _STEEPEST = math.radians(40.0)
@@ -259,8 +261,11 @@ def sizes_of(values: Mapping[str, float]) -> dict[str, float]:
 
 
 def trust_in(name: str, sigma: Mapping[str, float], sizes: Mapping[str, float]) -> Trust:
-    """Trust in a quantity: none where sigma is its size or more; of d_f = f (1 + m)/m, and H by it, where m's is."""
-    by = {name, "m"} & sigma.keys() if name in ("d_f", "H") else {name}
+    """Trust in a quantity: none where sigma is its size or more; of d_f = f (1 + m)/m, where m's is.
+
+    1/H = 1 - d_3/d_f is linear in m about m = 0, so that H is known where d_f, infinite, is not.
+    """
+    by = {name, "m"} & sigma.keys() if name == "d_f" else {name}
     if not all(sigma[one] < sizes[one] for one in by):
         return "bad"
     return "caution" if sigma[name] > RESERVE * sizes[name] else "good"
@@ -311,6 +316,12 @@ class CapturePlan(NamedTuple):
     """Sizes that standard deviations are held against, as `sizes_of` has them."""
     distortion: int = 0
     """Radial coefficients that the calibration will fit."""
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """Quantities that have a size to be known by: not d_f and m of a main lens that is focused at infinity."""
+        far = self.sizes["m"] < _INFINITE
+        return tuple(name for name in QUANTITIES if not (far and name in ("d_f", "m")))
 
     def determined(self, name: str, expected: _ExpectedErrors | None = None) -> bool:
         """True where a quantity is known to less than its size."""

@@ -224,3 +224,14 @@ def project_poses(poses, points):
     """Corners [mm] in the FAP's frame, shape (boards, corners, 3)."""
     turned = Rotation.from_rotvec(poses.rotation).as_matrix()
     return points @ np.swapaxes(turned, 1, 2) + poses.translation[:, None]
+
+
+def test_a_main_lens_focused_at_infinity_has_an_H_to_know_and_no_d_f():
+    """H by drawn magnifications about 0, of which none is sure of its sign: as sure as the plan says, unlike d_f."""
+    f, d_3, sigma_m = 100.0, 8.0, 1e-4
+    drawn = np.random.default_rng(3).normal(0, sigma_m, 100_000)
+    H = 1 / (1 - d_3 * drawn / (f * (1 + drawn)))
+    sigma = {"H": float(H.std()), "m": sigma_m, "d_f": 1e30}
+    assert sigma["H"] == pytest.approx(d_3 / f * sigma_m, rel=0.01)
+    assert planning.trust_in("H", sigma, {"H": 1.0, "m": 0.0, "d_f": math.inf}) == "good"
+    assert planning.trust_in("d_f", sigma, {"H": 1.0, "m": 0.0, "d_f": 1e20}) == "bad"

@@ -577,10 +577,9 @@ def plan_blocks(
     def cell(name: str, expected: Any) -> str:
         return f"{expected.sigma[name]:.3g}" if plan.determined(name, expected) else UNDETERMINED
 
-    trusts = {name: plan.trust(name) for name in QUANTITIES}
     rows = tuple(
-        (name, cell(name, before), UNITS[name], number(plan.sizes[name], 4), MARKS[trusts[name]][0])
-        for name in QUANTITIES
+        (name, cell(name, before), UNITS[name], number(plan.sizes[name], 4), MARKS[plan.trust(name)][0])
+        for name in plan.quantities
     )
     changes = tuple(
         (
@@ -595,7 +594,7 @@ def plan_blocks(
         Paragraph(_assumed(design, plan, asked)),
         Statements(tuple(answers)),
         Table(rows, "lrlrl", ("", "expected sigma", "", "of", ""), promises, RATIOS),
-        _shares_table(before.shares, whence),
+        _shares_table({name: before.shares[name] for name in plan.quantities}, whence),
         Table(
             changes,
             "lrrrrr",
@@ -632,7 +631,7 @@ def _promise(design: Design, plan: CapturePlan, asked: PlanOptions, build: Lengt
         sigma = {name: one or alone[name] for name, one in both.items()}
     sizes = {"d_3": f"{sigma['d_3']:.2g} mm", "H": f"{sigma['H']:.2g}", "d_2": _rounded(sigma["d_2"])}
     known = [f"{name} to {size}" for name, size in sizes.items() if plan.determined(name)]
-    trusts = {name: plan.trust(name) for name in QUANTITIES}
+    trusts = {name: plan.trust(name) for name in plan.quantities}
     text = f"By captures alone, {_quotable(trusts)}."
     text += f" It will know {listed(known)} (one standard deviation)." if known else ""
     advice = plan.advice
@@ -642,7 +641,9 @@ def _promise(design: Design, plan: CapturePlan, asked: PlanOptions, build: Lengt
     d_3 = float(Camera.of(design).seen.d_3)
     if plan.determined("d_3") and sigma["d_3"] >= abs(d_3):
         text += f" d_3 itself is {number(d_3, 2)} mm as the main lens sees it."
-    if lost := [name for name in QUANTITIES if not plan.determined(name)]:
+    if plan.quantities != QUANTITIES:
+        text += " The main lens sees its focal plane at infinity: m is 0, and no d_f to be known."
+    if lost := [name for name in plan.quantities if not plan.determined(name)]:
         text += f" Not determined by these poses: {listed(lost)}; depth is known without them."
     return Statement("plain" if (worst := _worst(trusts)) == "good" else worst, text, advice)
 
