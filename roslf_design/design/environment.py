@@ -51,7 +51,7 @@ class Environment(Part):
     calibrated_at: Temperature | None = None
     """Temperature at which the camera is calibrated [degrees C]; None is the middle of `range`."""
     housing: Housed | None = None
-    """Housing that holds the parts apart; None does not grow."""
+    """Housing that holds the parts apart, as spacers do: glass between grows as glass; None does not grow."""
     sensor: Housed = opaque_solids()["silicon"]
     """Material that pixels are made on."""
     reference: Temperature = ROOM
