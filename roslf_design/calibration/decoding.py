@@ -329,6 +329,55 @@ def _gather(
                     inside[t, s, v, u] = 1.0
 
 
+@kernel()
+def _taps(part: np.float32) -> tuple[np.float32, np.float32, np.float32, np.float32]:
+    """As `cubic_taps`, in single precision."""
+    a, b, c, d = cubic_taps(part)
+    return np.float32(a), np.float32(b), np.float32(c), np.float32(d)
+
+
+@kernel(apart=True)
+def _mix_rows(
+    first: Samples, top: Samples, below: Samples, last: Samples, taps: tuple[Any, Any, Any, Any], part: np.float32,
+    linear: Samples, cubic: Samples,
+) -> None:  # fmt: skip
+    """A row between four, by linear and by cubic weights."""
+    a, b, c, d = taps
+    for u in range(linear.size):
+        linear[u] = top[u] + part * (below[u] - top[u])
+    for u in range(linear.size):
+        cubic[u] = a * first[u] + b * top[u] + c * below[u] + d * last[u]
+
+
+@kernel(apart=True)
+def _least_of_rows(
+    first: Samples, top: Samples, below: Samples, last: Samples, inside: bool, both: Samples, all_four: Samples
+) -> None:
+    """Least light of two rows, and of four where all are `inside`."""
+    for u in range(both.size):
+        both[u] = min(top[u], below[u])
+    for u in range(both.size):
+        all_four[u] = min(both[u], min(first[u], last[u])) if inside else np.float32(0)
+
+
+@kernel(apart=True)
+def _add_row(
+    value: Samples, after: Samples, lit: Samples, lit_after: Samples, a: Samples, b: Samples, c: Samples, d: Samples,
+    light_a: Samples, light_b: Samples, light_c: Samples, light_d: Samples, held: Samples, part: np.float32,
+    taps: tuple[Any, Any, Any, Any], mean: Samples, total: Samples,
+) -> None:  # fmt: skip
+    """Add a row of a view, `part` of a sample aside, by its light: by four samples where all have light, or by two."""
+    k, l, m, n = taps
+    zero = np.float32(0)
+    for u in range(mean.size):
+        least = min(min(light_a[u], light_b[u]), min(light_c[u], light_d[u]))
+        cubic = k * a[u] + l * b[u] + m * c[u] + n * d[u]
+        mixed = cubic if least > zero else value[u] + part * (after[u] - value[u])
+        lights = min(lit[u], lit_after[u]) > zero
+        mean[u] += held[u] * mixed if lights else zero
+        total[u] += held[u] if lights else zero
+
+
 @kernel(parallel=True)
 def _shift_and_sum(
     values: Samples,
@@ -344,8 +393,9 @@ def _shift_and_sum(
     _, _, rows, columns = values.shape
     for v in prange(rows, band):
         # Of one view: its rows about y, mixed by cubic and by linear weights, and the least weight among them.
-        cubic, linear = np.zeros(columns, np.float32), np.zeros(columns, np.float32)
-        all_four, both = np.zeros(columns, np.float32), np.zeros(columns, np.float32)
+        # Beside the sides none of four samples has light.
+        cubic, linear = np.zeros(columns + 4, np.float32), np.zeros(columns, np.float32)
+        all_four, both = np.zeros(columns + 4, np.float32), np.zeros(columns, np.float32)
         for b in range(t.shape[0]):
             y = v + down[b]
             top = math.floor(y)
@@ -356,33 +406,26 @@ def _shift_and_sum(
             first, last = (top, top) if part == 0.0 else (top - 1, top + 2)
             inside = first >= 0 and last <= rows - 1
             first, last = max(first, 0), min(last, rows - 1)
-            k0, k1, k2, k3 = cubic_taps(part)
+            rows_by = _taps(part)
             near_y = top if part < 0.5 else below
             for a in range(s.shape[0]):
                 view, light = values[t[b], s[a]], weight[t[b], s[a]]
-                for c in range(columns):
-                    linear[c] = view[top, c] + part * (view[below, c] - view[top, c])
-                    both[c] = min(light[top, c], light[below, c])
-                    cubic[c] = k0 * view[first, c] + k1 * view[top, c] + k2 * view[below, c] + k3 * view[last, c]
-                    all_four[c] = min(both[c], min(light[first, c], light[last, c])) if inside else 0.0
+                _mix_rows(view[first], view[top], view[below], view[last], rows_by, part, linear, cubic[2:-2])
+                _least_of_rows(light[first], light[top], light[below], light[last], inside, both, all_four[2:-2])
                 shift = math.floor(right[a])
                 part_x = np.float32(right[a] - shift)
                 after = 0 if part_x == 0.0 else 1
                 near_x = 0 if part_x < 0.5 else 1
-                q0, q1, q2, q3 = cubic_taps(part_x)
-                for u in range(max(0, -shift), min(columns, columns - shift - after)):
-                    left = u + shift
-                    held = light[near_y, left + near_x]
-                    if min(both[left], both[left + after]) <= 0.0:
-                        continue
-                    value = linear[left] + part_x * (linear[left + after] - linear[left])
-                    c0, c3 = left - after, left + 2 * after
-                    if c0 >= 0 and c3 < columns:
-                        least = min(min(all_four[c0], all_four[left]), min(all_four[left + after], all_four[c3]))
-                        if least > 0.0:
-                            value = q0 * cubic[c0] + q1 * cubic[left] + q2 * cubic[left + after] + q3 * cubic[c3]
-                    mean[v, u] += held * value
-                    total[v, u] += held
+                start = max(0, -shift)
+                stop = max(start, min(columns, columns - shift - after))
+                left = start + shift
+                _add_row(
+                    linear[left:], linear[left + after :], both[left:], both[left + after :], cubic[left + 2 - after :],
+                    cubic[left + 2 :], cubic[left + 2 + after :], cubic[left + 2 + 2 * after :],
+                    all_four[left + 2 - after :], all_four[left + 2 :], all_four[left + 2 + after :],
+                    all_four[left + 2 + 2 * after :], light[near_y, left + near_x :], part_x, _taps(part_x),
+                    mean[v, start:stop], total[v, start:stop],
+                )  # fmt: skip
         for u in range(columns):
             if total[v, u] > 0.0:
                 mean[v, u] /= total[v, u]
