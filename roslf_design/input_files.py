@@ -255,7 +255,8 @@ def _picture(path: Path) -> tuple[NDArray[Any], str]:
         _bearable(math.prod(picture.size) * len(picture.getbands()))
         picture.load()
         plain = {"P": "RGB", "RGBA": "RGB", "LA": "L"}.get(picture.mode, picture.mode)
-        return np.asarray(picture.convert(plain))[None], str(picture.info.get("Description", ""))
+        kept = picture if plain == picture.mode else picture.convert(plain)
+        return np.asarray(kept)[None], str(picture.info.get("Description", ""))
 
 
 def _bearable(samples: int) -> None:

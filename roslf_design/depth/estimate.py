@@ -350,7 +350,7 @@ def estimate_disparity(
         kept = seen[2] if seen is not None and seen[:2] == (half, robust) else None
         look = every.look([(other if half else whole, disparity)], picture, robust, kept)
         seen = half, robust, look
-        picture, fit = look.picture, WindowFit.of(look, window)
+        picture, fit = look.picture, WindowFit.of(look, window, rough=coarse and half)
         reliable = (fit.sigma < 2 * largest_sigma) & np.isfinite(fit.disparity)
         target = np.where(reliable, fit.disparity, look.disparity)
         disparity = np.clip(look.disparity + np.clip(target - look.disparity, -0.5, 0.5), *bound)
@@ -676,8 +676,8 @@ def _picked(part: NDArray[Any], chosen: Flags) -> NDArray[Any]:
 
 def _counted(part: NDArray[Any]) -> NDArray[np.int64]:
     """Number of views that have something at each microlens."""
-    same = part.size and not any(part.strides)
-    return np.full(part.shape[1:], len(part) * int(part.flat[0] > 0)) if same else (part > 0).sum(axis=0)
+    same = part.size and not any(part.strides[1:])
+    return np.full(part.shape[1:], (part[:, 0, 0] > 0).sum()) if same else (part > 0).sum(axis=0)
 
 
 def _read_only(part: Pictures) -> Pictures:
