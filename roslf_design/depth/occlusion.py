@@ -19,7 +19,20 @@ from scipy import ndimage
 
 from .._jit import WHOLE, Band, kernel, prange
 from .warping import add, clear
-from .windows import CHI2, FREE, QUORUM, SPARE, STRAIN, TERMS, UNDER, SharedLight, carried, fit_window, row_terms
+from .windows import (
+    CHI2,
+    FREE,
+    QUORUM,
+    SPARE,
+    STRAIN,
+    TERMS,
+    UNDER,
+    SharedLight,
+    carried,
+    extreme,
+    fit_window,
+    row_terms,
+)  # fmt: skip
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.float32]
@@ -67,7 +80,7 @@ class Limits(NamedTuple):
     @classmethod
     def of(cls, largest_sigma: float, alike: Sequence[float] | None, level: Array) -> Limits:
         """Limits by chi-square of windows that see one surface."""
-        return cls(largest_sigma, alike, level, np.asarray(ndimage.minimum_filter(level, SIZES[0])))
+        return cls(largest_sigma, alike, level, extreme(np.minimum, level, SIZES[0]))
 
 
 class Quarter(NamedTuple):
@@ -210,34 +223,35 @@ def _take_best(
 
 
 @kernel(parallel=True)
-def _sides(disparity: Array, wanted: Flags, reach: int, two: float, sides: Array, band: Band = WHOLE) -> None:
-    """Disparities of the farther and the nearer surface about some microlenses, by the known ones within `reach`."""
+def _sides(
+    disparity: Array, least: Array, most: Array, wanted: Flags, weights: Array, two: float, sides: Array,
+    band: Band = WHOLE,
+) -> None:  # fmt: skip
+    """Disparities of the farther and the nearer surface about some microlenses, by every other known one about them.
+
+    `disparity` of every other one, with the `least` and `most` about it; `weights` by distances along both axes.
+    """
     rows, columns = disparity.shape
-    # Every other one tells enough, of four together.
-    for half in prange((rows + 1) // 2, band):
-        v = 2 * half
-        for u in range(0, columns, 2):
-            if not wanted[v : v + 2, u : u + 2].any():
+    reach = len(weights) - 1
+    # Of four together.
+    for v in prange(rows, band):
+        for u in range(columns):
+            low, high = least[v, u], most[v, u]
+            if low > high or not wanted[2 * v : 2 * v + 2, 2 * u : 2 * u + 2].any():
                 continue
-            top, bottom = v - reach if v >= reach else v % 2, min(v + reach + 1, rows)
-            left, right = u - reach if u >= reach else u % 2, min(u + reach + 1, columns)
-            least, most = math.inf, -math.inf
-            for b in range(top, bottom, 2):
-                for a in range(left, right, 2):
-                    if not math.isnan(disparity[b, a]):
-                        least, most = min(least, disparity[b, a]), max(most, disparity[b, a])
-            if least > most:
-                continue
-            middle, sums = 0.5 * (least + most), np.zeros((2, 2))
-            for b in range(top, bottom, 2):
-                for a in range(left, right, 2):
-                    if not math.isnan(disparity[b, a]):
-                        side, away = int(disparity[b, a] > middle), (b - v) ** 2 + (a - u) ** 2 + 0.1
-                        weight = 1.0 / (away * away)
-                        sums[side, 0] += weight
-                        sums[side, 1] += weight * disparity[b, a]
-            for side in range(2 if most > least + two else 1):
-                sides[side, v : v + 2, u : u + 2] = sums[side, 1] / max(sums[side, 0], 1e-30)
+            middle, under, over, below, above = 0.5 * (low + high), 0.0, 0.0, 0.0, 0.0
+            for b in range(max(v - reach, 0), min(v + reach + 1, rows)):
+                for a in range(max(u - reach, 0), min(u + reach + 1, columns)):
+                    weight, each = weights[abs(b - v), abs(a - u)], disparity[b, a]
+                    if each > middle:
+                        over += weight
+                        above += weight * each
+                    elif each <= middle:
+                        under += weight
+                        below += weight * each
+            sides[0, 2 * v : 2 * v + 2, 2 * u : 2 * u + 2] = below / max(under, 1e-30)
+            if high > low + two:
+                sides[1, 2 * v : 2 * v + 2, 2 * u : 2 * u + 2] = above / max(over, 1e-30)
 
 
 def sides_about(disparity: Array, wanted: Flags, reach: int = _BESIDE, two: float = _TWO) -> Array:
@@ -246,8 +260,13 @@ def sides_about(disparity: Array, wanted: Flags, reach: int = _BESIDE, two: floa
     Known ones within `reach` tell them; they are two where these differ by more than `two`, else one, the first. Not
     numbers where nothing is wanted or known.
     """
-    sides = np.full((2, *wanted.shape), np.nan)
-    _sides.compiled(disparity, wanted, reach, two, sides)
+    sides, some = np.full((2, *wanted.shape), np.nan), np.ascontiguousarray(disparity[::2, ::2])
+    least, most = (
+        extreme(choose, np.where(np.isnan(some), none, some), reach + 1)
+        for choose, none in ((np.minimum, np.inf), (np.maximum, -np.inf))
+    )
+    away = (2.0 * np.arange(reach // 2 + 1)) ** 2
+    _sides.compiled(some, least, most, wanted, (np.add.outer(away, away) + 0.1) ** -2, two, sides)
     return sides
 
 
@@ -506,8 +525,9 @@ def past_edges(
         tried, settled = settled.chosen, _Settled.none(len(quarters), wanted.shape)
         for side in sides_about(np.where(known, found.disparity, disparity), near):
             few(each, side, first.picture).settle(own, SIZES[0], tried, settled)
-        within = ndimage.minimum_filter(wanted & last, SIZES[0], mode="constant")
-        wide = ndimage.maximum_filter(within, SIZES[0])
+        reach = SIZES[0] // 2
+        within = np.pad(extreme(np.minimum, wanted & last, SIZES[0])[reach:-reach, reach:-reach], reach)
+        wide = extreme(np.maximum, within, SIZES[0])
         about = ndimage.binary_dilation(wide, iterations=4)
         for number, quarter in enumerate(quarters if wide.any() else ()):
             along = np.where(about, search(quarter.views, about), np.nan)
@@ -538,9 +558,9 @@ def _behind(
     have of the farther one is put into `found`, nothing where they have none. Arguments are those of `past_edges`.
     """
     known = np.where(np.isfinite(found.sigma), found.disparity, disparity)
-    farther = ndimage.minimum_filter(np.where(np.isnan(known), np.inf, known), _FATTENED)
+    farther = extreme(np.minimum, np.where(np.isnan(known), np.inf, known), _FATTENED)
     beside = known - farther > _DEPTH_STEP
-    about = ndimage.maximum_filter(beside, SIZES[0])
+    about = extreme(np.maximum, beside, SIZES[0])
     untried = np.full((len(quarters), *known.shape), np.nan)
     each, own = _few_of(quarters)
     here, behind = (_Settled.none(len(quarters), known.shape) for _ in range(2))
@@ -550,7 +570,7 @@ def _behind(
     wrong: Flags = beside & (behind.least < _CLEARLY * here.least)
     found.sigma[wrong] = np.inf
     # Windows that hold one, and as much again for slopes.
-    near = ndimage.maximum_filter(wrong, 2 * SIZES[0] + 1)
+    near = extreme(np.maximum, wrong, 2 * SIZES[0] + 1)
     parts = [(views, np.where(near, along, np.nan)) for views, along in _parts(quarters, behind)]
     if wrong.any():
         found.take(look(parts, first.picture), wrong, limits)
@@ -560,6 +580,6 @@ def _behind(
 def beside_steps(disparity: Array) -> Flags:
     """True where known disparities nearby, those that are numbers, differ by a depth step."""
     known = np.isfinite(disparity)
-    most = ndimage.maximum_filter(np.where(known, disparity, -np.inf), SIZES[0])
-    least = ndimage.minimum_filter(np.where(known, disparity, np.inf), SIZES[0])
+    most = extreme(np.maximum, np.where(known, disparity, -np.inf), SIZES[0])
+    least = extreme(np.minimum, np.where(known, disparity, np.inf), SIZES[0])
     return np.asarray(most > least + _DEPTH_STEP)

@@ -104,10 +104,10 @@ def fill_holes(views: Samples, light: Samples) -> None:
 
 
 @kernel()
-def _filter(lines: Samples) -> None:
-    """Divide by the poles of a spline, forth and back along the first axis, mirrored at its ends, but for a factor."""
+def divide_by_poles(lines: Samples, poles: tuple[float, ...]) -> None:
+    """Divide by the poles of a spline's values along the first axis, mirrored at its ends, but for a factor."""
     count, width = lines.shape
-    for each in _POLES:
+    for each in poles:
         pole, power = float32(each), float32(each)
         last = float32(each / (each * each - 1.0))
         for v in range(1, min(_REACH, count)):
@@ -148,7 +148,7 @@ def _coefficients(views: Samples, out: Samples, band: Band = WHOLE) -> None:
                 for u in range(columns):
                     lying[u + _BEYOND, v] = views[k, top + v, u]
             _extend(lying)
-            _filter(lying)
+            divide_by_poles(lying, _POLES)
             for v in range(some):
                 for u in range(columns + TAPS - 2):
                     between[top + v, u] = lying[u + _BEYOND - 3, v]
@@ -158,7 +158,7 @@ def _coefficients(views: Samples, out: Samples, band: Band = WHOLE) -> None:
                 for u in range(some):
                     standing[v + _BEYOND, u] = between[v, left + u]
             _extend(standing)
-            _filter(standing)
+            divide_by_poles(standing, _POLES)
             for v in range(rows + TAPS - 2):
                 for u in range(some):
                     out[k, v, left + u] = standing[v + _BEYOND - 3, u]

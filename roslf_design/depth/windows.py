@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._jit import WHOLE, Band, kernel, prange
-from .warping import fill_holes, window_sums
+from .warping import divide_by_poles, fill_holes, window_sums
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -23,6 +23,10 @@ TERMS = 19
 disparity, residual and freedom, as `_window_terms` makes them, and counts (2)."""
 DISPARITY, SIGMA, CHI2, FREE, STRAIN, SPARE, ACROSS, DOWN, UU, UV, VV, WITH_U, WITH_V, OVER, UNDER = range(15)
 """Rows of `WindowFit.maps`, in the order of its fields."""
+_QUINTIC, _MIRRORED = (-0.43057534709997379, -0.043096288203264654), 16
+"""Poles of a quintic spline's values at its nodes; samples that a picture is mirrored by beyond its sides for it."""
+_ROUGH = 9
+"""Side of the window that a picture's roughness is told of."""
 _BINS = 12
 """Parts of a field, from little texture to much, that tell what is left between views."""
 QUORUM = 0.25
@@ -323,11 +327,12 @@ def noise_by_texture(chi2: Array, picture: Array, window: int) -> Array:
     much is told by the middle window of each of `_BINS` parts of a field, which differ by texture.
     """
     slopes = box(np.add(*(np.square(slope) for slope in np.gradient(picture))), window) / window**2
-    known, some = chi2 > 0, chi2[chi2 > 0]
+    apart, shown = chi2[::2, ::2], slopes[::2, ::2]  # windows overlap
+    known, some = apart > 0, apart[apart > 0]
     if some.size < _BINS**2:
         return np.full(chi2.shape, np.median(some) if some.size else 1.0)
-    parts = np.array_split(np.argsort(slopes[known]), _BINS)
-    x, y = (np.array([np.median(each[part]) for part in parts]) for each in (slopes[known], some))
+    parts = np.array_split(np.argsort(shown[known]), _BINS)
+    x, y = (np.array([np.median(each[part]) for part in parts]) for each in (shown[known], some))
     least, rise = np.linalg.lstsq(np.stack([1 / y, x / y], axis=1), np.ones(_BINS))[0]
     return np.asarray(max(least, y.min() / 2) + max(rise, 0) * slopes)
 
@@ -345,20 +350,38 @@ def box(values: NDArray[Any], window: int) -> NDArray[Any]:
 
 def roughness(picture: Array) -> NDArray[np.float32]:
     """Mean squares of a picture's second differences about each place, along u and v."""
-    from scipy import ndimage
+    wide, reach = np.pad(picture, _ROUGH // 2 + 1, mode="symmetric"), _ROUGH // 2
+    bent = np.stack([np.diff(wide[1:-1], 2, axis=1), np.diff(wide[:, 1:-1], 2, axis=0)])
+    return (box(bent**2, _ROUGH)[:, reach:-reach, reach:-reach] / _ROUGH**2).astype(np.float32)
 
-    bent = [ndimage.correlate1d(picture, [1, -2, 1], axis) for axis in (1, 0)]
-    return np.stack([ndimage.uniform_filter(part**2, 9) for part in bent]).astype(np.float32)
+
+def extreme(choose: np.ufunc, values: NDArray[Any], window: int) -> NDArray[Any]:
+    """Largest (`np.maximum`) or least of the window about each place, as far as it lies in the picture.
+
+    In a quarter of the time of scipy's.
+    """
+    for _ in range(2):
+        found = values.copy("K")
+        for k in range(1, window // 2 + 1):
+            for here, beside in (np.s_[k:], np.s_[:-k]), (np.s_[:-k], np.s_[k:]):
+                choose(found[here], values[beside], out=found[here])
+        values = found.T
+    return values
 
 
 def gradient(picture: Array, lit: Flags, steps: tuple[float, float]) -> tuple[Array, Array, Flags]:
     """Slopes of a picture's quintic spline [per pitch] along u and v, and where the neighbour on each side is lit."""
-    from scipy import ndimage
-
     filled = picture.astype(np.float32)[None]
     fill_holes.compiled(filled, lit.astype(np.float32)[None])
-    slopes = []
-    for axis, step in ((1, steps[0]), (0, steps[1])):
-        spline = ndimage.spline_filter1d(filled[0].astype(float), 5, axis=axis, mode="mirror")
-        slopes.append(ndimage.correlate1d(spline, np.array([-1, -10, 0, 10, 1]) / (24 * step), axis, mode="mirror"))
-    return slopes[0], slopes[1], ndimage.binary_erosion(lit, border_value=1)
+    wide, beyond = np.pad(filled[0], _MIRRORED, mode="reflect"), slice(_MIRRORED, -_MIRRORED)
+    along, down = (np.ascontiguousarray(part[:, beyond]) for part in (wide.T, wide))
+    for lines, step in ((along, steps[0]), (down, steps[1])):
+        divide_by_poles.compiled(lines, _QUINTIC)
+        a, b, c, d = (lines[_MIRRORED + k : len(lines) - _MIRRORED + k] for k in (-2, -1, 1, 2))
+        lines[beyond] = (10 * (c - b) + (d - a)) * np.float32(5 / step)
+    slopes = [np.array(part, float, order="C") for part in (along[beyond].T, down[beyond])]
+    known = lit.copy()
+    for here, there, beside in ((known, lit[1:], lit[:-1]), (known.T, lit.T[1:], lit.T[:-1])):
+        here[1:] &= beside
+        here[:-1] &= there
+    return slopes[0], slopes[1], known
