@@ -203,31 +203,56 @@ def _move_beside(fit: Array, misfit: Array, reach: int, moved: Array, band: Band
                 moved[OVER, v, u], moved[UNDER, v, u] = over, under
 
 
+@kernel(apart=True)
+def _own_terms(
+    xx: Array, xy: Array, yy: Array, along: Array, down: Array, weight: Array, count: Array, x: Array, y: Array,
+    known: Flags, steps: tuple[float, float], true: Array, raw: Array, moment: Array,
+) -> None:  # fmt: skip
+    """Information on disparity along a row without what noise lends it, with that, and moment; 0 where none is."""
+    for u in range(true.size):
+        here, r = known[u] & (count[u] > 1), x[u] * x[u] * xx[u] + 2 * x[u] * y[u] * xy[u] + y[u] * y[u] * yy[u]
+        # The picture's own noise lends it gradient that the views do not share.
+        lent = (xx[u] / steps[0] ** 2 + yy[u] / steps[1] ** 2) * _GRADIENT_NOISE
+        true[u] = r - lent / max(weight[u], 1e-30) if here else 0.0
+        raw[u] = r if here else 0.0
+        moment[u] = x[u] * along[u] + y[u] * down[u] if here else 0.0
+
+
+@kernel(apart=True)
+def _times_place(values: Array, v: int, along: Array, down: Array) -> None:
+    """Values along row `v` times their places."""
+    for u in range(values.size):
+        along[u], down[u] = values[u] * u, values[u] * v
+
+
 @kernel()
 def row_terms(
     sums: Array, slope_u: Array, slope_v: Array, known: Flags, disparity: Array, steps: tuple[float, float], v: int,
     terms: Array,
 ) -> None:  # fmt: skip
     """Terms that windows add up of the microlenses of row `v`: shape (`TERMS`, u)."""
-    for u in range(disparity.shape[1]):
-        if not known[v, u] or sums[11, v, u] <= 1:
-            for k in range(TERMS):
-                terms[k, u] = 0.0
-            continue
-        x, y, d = slope_u[v, u], slope_v[v, u], disparity[v, u]
-        r = x * x * sums[4, v, u] + 2 * x * y * sums[5, v, u] + y * y * sums[6, v, u]
-        m = x * sums[7, v, u] + y * sums[8, v, u]
-        # The picture's own noise lends it gradient that the views do not share.
-        lent = (sums[4, v, u] / steps[0] ** 2 + sums[6, v, u] / steps[1] ** 2) * _GRADIENT_NOISE
-        true = r - lent / max(sums[1, v, u], 1e-30)
-        pulled = true * d - m
-        terms[0, u], terms[1, u], terms[2, u] = true, true * u, true * v
-        terms[3, u], terms[4, u], terms[5, u] = true * u * u, true * u * v, true * v * v
-        terms[6, u], terms[7, u], terms[8, u] = pulled, pulled * u, pulled * v
-        terms[9, u], terms[10, u], terms[11, u] = r, m, r * d
-        terms[12, u], terms[13, u], terms[14, u] = r * d * d, m * d, m * m / r if r > 0 else 0.0
-        terms[15, u], terms[16, u] = sums[9, v, u], sums[10, v, u]
-        terms[17, u], terms[18, u] = 1.0, 1.0 if r > 0 else 0.0
+    columns, d, seen, lit = disparity.shape[1], disparity[v], known[v], sums[11, v]
+    true, pulled, raw, moment, with_raw, with_moment = terms[0], terms[6], terms[9], terms[10], terms[11], terms[13]
+    _own_terms(
+        sums[4, v], sums[5, v], sums[6, v], sums[7, v], sums[8, v], sums[1, v], lit, slope_u[v], slope_v[v], seen,
+        steps, true, raw, moment,
+    )  # fmt: skip
+    for u in range(columns):
+        pulled[u] = true[u] * d[u] - moment[u]
+    _times_place(true, v, terms[1], terms[2])
+    _times_place(terms[1], v, terms[3], terms[4])
+    _times_place(terms[2], v, terms[4], terms[5])
+    _times_place(pulled, v, terms[7], terms[8])
+    for u in range(columns):
+        with_raw[u], with_moment[u] = raw[u] * d[u], moment[u] * d[u]
+    for u in range(columns):
+        own = moment[u] * moment[u] / (raw[u] if raw[u] > 0 else 1.0)
+        terms[12, u], terms[14, u] = with_raw[u] * d[u], own if raw[u] > 0 else 0.0
+    for k, kept in ((15, sums[9, v]), (16, sums[10, v])):
+        for u in range(columns):
+            terms[k, u] = kept[u] if seen[u] & (lit[u] > 1) else 0.0
+    for u in range(columns):
+        terms[17, u], terms[18, u] = 1.0 if seen[u] & (lit[u] > 1) else 0.0, 1.0 if raw[u] > 0 else 0.0
 
 
 @kernel(parallel=True)
@@ -236,8 +261,13 @@ def _window_terms(
     terms: Array, band: Band = WHOLE,
 ) -> None:  # fmt: skip
     """As `row_terms`, of all rows: shape (`TERMS`, v, u)."""
-    for v in prange(disparity.shape[0], band):
-        row_terms(sums, slope_u, slope_v, known, disparity, steps, v, terms[:, v])
+    rows, columns = disparity.shape
+    row = np.empty((TERMS, columns))  # its rows lie as the compiler needs it for vectors
+    for v in prange(rows, band):
+        row_terms(sums, slope_u, slope_v, known, disparity, steps, v, row)
+        for k in range(TERMS):
+            for u in range(columns):
+                terms[k, v, u] = row[k, u]
 
 
 @kernel(inline=True)
