@@ -40,8 +40,9 @@ MOST_RADIAL = 2
 QUANTITIES = ("H", "d_3", "d_1", "d_f", "d_2", "A", "m")
 """Lengths [mm] and ratios derived from a calibration, in the order in which they are told."""
 UNITS = {name: "" if name in ("m", "H") else "mm" for name in QUANTITIES}
-_TURNS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2)
-"""Cross products with the unit vectors, shape (3, 3, 3)."""
+_UNIT = np.eye(3)
+_TURNS = np.cross(_UNIT[:, None], _UNIT).swapaxes(1, 2).reshape(3, 9)
+"""Cross products with the unit vectors, their matrices row after row."""
 _LENGTH = r"\s+(\d+\.?\d*|\.\d+)\s*(um|mm|cm|m)"
 _CELLS = r"(\d{1,9})\s*[x×]\s*(\d{1,9})" + _LENGTH
 _BOARD = re.compile(rf"\s*{_CELLS}\s*")
@@ -381,12 +382,12 @@ def rotation_matrix(vector: NDArray[Any]) -> NDArray[Any]:
     """Rotation matrices of rotation vectors, shape (..., 3) -> (..., 3, 3); also for complex vectors."""
     half = np.sqrt((vector * vector).sum(axis=-1))[..., None, None] / (2 * np.pi)
     cross = _cross_matrix(vector)
-    return np.asarray(np.eye(3) + np.sinc(2 * half) * cross + np.sinc(half) ** 2 / 2 * (cross @ cross))
+    return np.asarray(_UNIT + np.sinc(2 * half) * cross + np.sinc(half) ** 2 / 2 * (cross @ cross))
 
 
 def _cross_matrix(vector: NDArray[Any]) -> NDArray[Any]:
     """Matrix of the cross product with a vector from the left, shape (..., 3) -> (..., 3, 3)."""
-    return np.tensordot(vector, _TURNS, 1)
+    return (vector @ _TURNS).reshape(*vector.shape, 3)
 
 
 _GAUSS = np.polynomial.legendre.leggauss(12)
