@@ -345,3 +345,20 @@ def test_a_prism_that_turns_back_is_one_that_turns_the_other_way(degrees, reflec
     for mine, its in zip(one, other, strict=True):
         if "prism" not in mine.name:  # a block's corners come in another order
             np.testing.assert_allclose(mine.points, its.points, atol=1e-9)
+
+
+def test_a_stated_tube_is_drawn_as_wide_and_as_long_as_stated():
+    """What stays outside is as wide as its parts; without a length all is as wide as the tube."""
+    scope = roslf.load("video-otoscope")
+    for tube, ends in (
+        ({"outer_diameter": 9.0, "wall": 0.2, "length": 2.0}, (9.0, 2.0)),
+        ({"outer_diameter": 9.0, "wall": 0.2}, (9.0, None)),
+    ):
+        drawn = instrument_scene(scope.replace({"tube": tube}))
+        tip, *head = (part for part in drawn.parts if part.label == "tube")
+        assert np.ptp(tip.points[:, 0]) == pytest.approx(ends[0])
+        if ends[1] is not None:
+            assert np.ptp(tip.points[:, 2]) == pytest.approx(ends[1])
+            assert head[0].points[:, 2].min() == pytest.approx(tip.points[:, 2].max())
+        else:
+            assert not head

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -75,15 +76,17 @@ def instrument_scene(design: Design, fold: bool = True, side: bool = False) -> I
     rays = _pencils(design, start)
     inside = [np.concatenate(courses) for _, courses, _ in rays]
     reach = [float(np.hypot(*points[points[:, 2] >= -front, :2].T).max(initial=0.0)) for points in inside]
-    # A tube that all elements and rays fit into.
-    wall = max(
+    # A tube that all elements and rays fit into, where none is stated.
+    wide = max(
         1.08 * max(*reaches(design), math.hypot(*design.microlens_array.size) / 2), 1.02 * max(reach, default=0.0)
     )
+    wall = _Wall.of(design, wide, -front, bool(folds))
     in_air = design.object_space.medium == AIR
-    before = np.array([[0.0, 0.0, start]]) if in_air else turned([(wall, start), (wall, -front)])
-    tops = [(stop.name, -stop.near, wall) for stop in design.openings]
-    tops += [(name_of_drawn(at, fold), -(at.near + at.far) / 2, wall) for at in design.in_bore]
-    tops += [("main lens", 0.0, wall), ("MLA and sensor", end, wall)]
+    before = np.array([[0.0, 0.0, start]]) if in_air else turned([(wall.at(-front), z) for z in (start, -front)])
+    tops = [(stop.name, -stop.near, wall.at(-stop.near)) for stop in design.openings]
+    middles = ((at, -(at.near + at.far) / 2) for at in design.in_bore)
+    tops += [(name_of_drawn(at, fold), z, wall.at(z)) for at, z in middles]
+    tops += [("main lens", 0.0, wall.at(0.0)), ("MLA and sensor", end, wall.at(end))]
     tops.append((f"light comes from the object plane, {design.d_f:.4g} mm in front of the lens", start, 0.0))
     up = -folds[0].turn[:, 2] * [1.0, 1.0, 0.0] if side and folds else np.zeros(3)  # where what is ahead goes
     up = up / np.hypot(*up[:2]) if np.hypot(*up[:2]) > ALONG else np.array([0.0, 1.0, 0.0])
@@ -106,30 +109,63 @@ def instrument_scene(design: Design, fold: bool = True, side: bool = False) -> I
     return Instrument((*lines, *drawn, *tube), view, tuple(named))
 
 
-def _tube(folds: Sequence[Fold], wall: float, front: float, end: float) -> list[Body]:
-    """The tube, mitred where the axis is folded."""
-    joints = [turned([(wall, end)])]
+class _Wall(NamedTuple):
+    """Outer wall of what is drawn, along the axis: of the stated tube over its length, and about all parts behind."""
+
+    inserted: float
+    """Radius of the stated tube [mm]."""
+    back: float
+    """Where it ends, along the axis [mm]."""
+    behind: float
+    """Radius of what lies behind it [mm]."""
+
+    @classmethod
+    def of(cls, design: Design, wide: float, front: float, folded: bool) -> _Wall:
+        """Wall of a design whose parts and rays reach as `wide`; along a folded axis it is as wide everywhere."""
+        tube = design.tube
+        if tube is None or folded:
+            return cls(wide, front, wide)
+        length = math.inf if tube.length is None else tube.length
+        return cls(tube.outer_diameter / 2, front + length, wide)
+
+    def at(self, z: float) -> float:
+        """Radius at a place along the axis [mm]."""
+        return self.inserted if z <= self.back else self.behind
+
+
+def _tube(folds: Sequence[Fold], wall: _Wall, front: float, end: float) -> list[Body]:
+    """The tube, mitred where the axis is folded; one that is not as wide all along has a step."""
+    if wall.inserted != wall.behind and front < wall.back < end:
+        pieces = ((wall.inserted, front, wall.back), (wall.behind, wall.back, end))
+        bodies = [
+            Body(name, "round", turned([(radius, z) for z in ends]), bands(2), "grey", 0.10, label="tube")
+            for name, (radius, *ends) in zip(("tube", "tube 2"), pieces, strict=True)
+        ]
+        rims = [_circle(radius, z) for radius, *ends in pieces for z in ends]
+        return [*bodies, _lines("tube ends", rims, "grey", 1.5)]
+    radius = wall.at(front)
+    joints = [turned([(radius, end)])]
     for fold in folds:
         for normal in fold.joints:
-            joint = turned([(wall, -fold.distance)])
+            joint = turned([(radius, -fold.distance)])
             joint[:, 2] -= joint[:, :2] @ normal[:2] / normal[2]
             joints.append(np.clip(joint, [-np.inf, -np.inf, front], [np.inf, np.inf, end]))
-    joints.append(turned([(wall, front)]))
+    joints.append(turned([(radius, front)]))
     tubes = []
     for k, (nearer, farther) in enumerate(zip(joints[::2], joints[1::2], strict=True)):
         points = np.append(farther, nearer, axis=0)
         for fold in reversed(folds[:k]):
             points = fold.turned(points)
         tubes.append(Body("tube" if k == 0 else f"tube {k + 1}", "round", points, bands(2), "grey", 0.10, label="tube"))
-    ends = [folded(folds, _circle(wall, z)) for z in (front, end)]
+    ends = [folded(folds, _circle(radius, z)) for z in (front, end)]
     return [*tubes, _lines("tube ends", ends, "grey", 1.5)]
 
 
-def _glass(design: Design, camera: Camera, wall: float, fold: bool) -> list[Body]:
+def _glass(design: Design, camera: Camera, wall: _Wall, fold: bool) -> list[Body]:
     """Elements before the main lens as bodies of revolution, prisms that fold as blocks, the plates about the array."""
     parts: list[Body] = []
     for k, (_, called, element, _, _) in enumerate(design.in_bore):
-        radius, pose = element.half_height or wall, _pose(camera, k)
+        radius, pose = element.half_height or wall.at(-element.distance), _pose(camera, k)
         if fold and element.turn and element.length:
             parts += _prism(called, element, radius, pose)
             continue
@@ -177,21 +213,21 @@ def _pose(camera: Camera, k: int) -> Frame:
     return frame(part.at.pair("decentre"), -place, part.element.lean(part.at))
 
 
-def _elements(design: Design, camera: Camera, wall: float) -> list[Body]:
+def _elements(design: Design, camera: Camera, wall: _Wall) -> list[Body]:
     sensor, array, lens = map(camera.ruler_pose, ("sensor", "microlens_array", "main_lens"))
     radius = design.D / 2
     parts: list[Body] = []
     for number, stop in enumerate(design.openings):
         pose, outline, colour = camera.ruler_pose(stop.place), stop.part.outline, stop_colour(number)
         edge = np.stack(outline.rim(np.cos(TURN), np.sin(TURN)), -1)
-        wide = wall * np.stack([np.cos(TURN), np.sin(TURN)], -1)
+        wide = wall.at(-stop.near) * np.stack([np.cos(TURN), np.sin(TURN)], -1)
         plate = _placed(np.concatenate([edge, wide]), pose)
         parts.append(Body(f"{stop.name} plate", "ring", plate, bands(2), colour, 0.38, label=stop.name))
         rim = outline.outline(math.pi / 48)
         parts.append(_lines(f"{stop.name} rim", [_placed(np.append(rim, rim[:1], axis=0), pose)], colour, 4.0))
     angle = np.linspace(math.pi, 0.0, RINGS + 1)
     glass = turned(np.stack([radius * np.sin(angle), 0.09 * design.D * np.cos(angle)], -1))
-    mount = turned([(radius, 0.0), (wall, 0.0)], frame=lens)
+    mount = turned([(radius, 0.0), (max(radius, wall.at(0.0)), 0.0)], frame=lens)
     return [
         *parts,
         Body("lens", "round", glass + np.asarray(lens.origin), bands(RINGS + 1), LENS[0], 0.35, label="main lens"),
