@@ -221,6 +221,30 @@ def test_what_is_asked_while_a_part_fails_is_answered(monkeypatch, caplog):
     assert "KeyError" in caplog.text
 
 
+class ManyParts(Session):
+    """Parts of values that stay as they are."""
+
+    def parts(self):
+        return iter([lambda k=k: {f"{k} {n}": 0 for n in range(10 if k == 0 else 1)} for k in range(9)])
+
+
+def test_what_goes_on_by_itself_sends_what_is_fresh_in_one_order(monkeypatch):
+    """Of a set's order, which may turn from one look to the next, every part would be sent as news."""
+    told = []
+    monkeypatch.setattr(_Tab, "_update", lambda tab, values: "fresh" in values and told.append(list(values["fresh"])))
+
+    async def play():
+        tab = _Tab(ManyParts(PAPER))
+        for _ in range(3):
+            tab.push()
+            await tab._showing
+        await tab.close()
+
+    asyncio.run(play())
+    assert len(told[8]) == 18
+    assert told[9:] == [told[8]] * 18
+
+
 @pytest.mark.parametrize(("fault", "preset"), [(FAULTY[0], "paper"), (FAULTY[1], "paper-singlet")])
 def test_a_design_that_cannot_be_evaluated_leaves_its_pictures_and_its_numbers(monkeypatch, preset, fault):
     def fail(*_):
