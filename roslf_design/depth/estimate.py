@@ -40,9 +40,8 @@ _MANY = 60
 """Views of which the first corrections may leave out every other one."""
 _CLIPPED = 0.05
 """Share of the microlenses about a window near saturation from which that is why it has no disparity."""
-_CLIPPED_SAMPLES = 0.1
-"""Share of a window's samples that are saturated from which nothing is believed of it: those that are not are dark by
-selection."""
+_CLIPPED_VIEWS = 0.5
+"""Share of a microlens's own views that are saturated from which it has no disparity, whatever those about it tell."""
 SOME_VIEWS = 5
 """Views along each axis, about, whose pull on windows' disparities tells their variance."""
 ROUGH = 2
@@ -658,14 +657,18 @@ def _checked(name: str, values: ArrayLike, field: LightField) -> Pictures:
 
 
 def saturated(field: LightField, noise: PixelNoise) -> Flags:
-    """Samples that are saturated, or would be about as often as not where the light about them is as bright."""
+    """Samples that are saturated, and those of the same microlens beside them.
+
+    Samples are interpolated between pixels: one beside a full one rests on full pixels as well. Where a microlens's
+    views are all so bright that some would be full by chance, the rest are dark by selection, and all count as full.
+    """
     if noise.saturation == math.inf:
         return np.zeros(field.values.shape, np.bool_)
     charge = field.weight * np.float32(noise.electrons)
     lit = field.weight > 0
     picture = np.where(lit, field.values, 0).sum((0, 1)) / np.maximum(lit.sum((0, 1)), 1)
-    peak = ndimage.maximum_filter(picture, 3)
-    return np.asarray((field.values * charge >= noise.saturation) | (peak * charge >= noise.brightest))
+    full = np.asarray((field.values * charge >= noise.saturation) | (picture * charge >= noise.brightest))
+    return np.asarray(ndimage.maximum_filter(full, (3, 3, 1, 1))) if full.any() else full
 
 
 def _picked(part: NDArray[Any], chosen: Flags) -> NDArray[Any]:
@@ -840,7 +843,7 @@ def _judged(
     status[bare] = DisparityStatus.NO_LIGHT
     status[unsure & ((views.lit < 2) | (spread < 1e-6))] = DisparityStatus.TOO_FEW_VIEWS
     clipped = (unsure | at_odds) & (full > _CLIPPED * lit)
-    clipped |= box(views.saturated, window) > _CLIPPED_SAMPLES * box(views.lit, window)
+    clipped |= views.saturated > _CLIPPED_VIEWS * views.lit
     status[clipped] = DisparityStatus.SATURATED
     status = np.where(views.lit == 0, views.unlit, status)
     measured = status == DisparityStatus.MEASURED
