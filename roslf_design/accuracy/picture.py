@@ -37,6 +37,10 @@ Patch = tuple[int, int, int, int]
 OF = "99 of 100 pixels"
 UNIT = "% of a fully lit one"
 SHARE = 0.99
+OF_NORMAL = 2.58
+"""Standard deviations of a normal law that such a share is within."""
+BELOW_NOISE = 1 / 3
+"""Scatter of rays over the noise drawn in the same picture, at most, of rays that follow that."""
 
 ROUNDING = {"coverage": 3e-7, "harmonics": 3e-6}
 """Rounding errors of exact methods: pixels, and the series' sums, are single precision."""
@@ -130,7 +134,9 @@ def settle(
     raise _out_of_reach(accuracy, least, f"{job.method}, {_effort(job.ladder[-1][-1])}")
 
 
-def stated(image: RawImage, settled: _Settled | None, accuracy: float | None, budget: Budget) -> Accuracy:
+def stated(
+    image: RawImage, settled: _Settled | None, accuracy: float | None, budget: Budget, by_noise: bool = False
+) -> Accuracy:
     """Accuracy of a picture, measured on it where one was asked for.
 
     Parameters
@@ -141,9 +147,18 @@ def stated(image: RawImage, settled: _Settled | None, accuracy: float | None, bu
         That was asked for.
     budget : Budget
         It was made by.
+    by_noise : bool
+        True where its rays stay below the noise drawn in it, instead of the budget.
     """
     budget = budget if settled is None else settled.budget
     job = _Job(image.design, image.scene, image.plan, budget, image.seed, image.region, image.method)
+    if settled is None and by_noise:
+        light = image.scene.light
+        electrons = (light.exposure or 1.0) * image.scene.brightness
+        scatter = BELOW_NOISE * math.hypot(math.sqrt(electrons), light.read_noise) / (light.exposure or 1.0)
+        method = f"{image.method}, which scatter by less than {BELOW_NOISE:.0%} of the noise drawn"
+        expected = job.floor + OF_NORMAL * scatter
+        return Accuracy(OF, f"{UNIT}, noise apart", method, expected, seconds=image.seconds, model=job.model)
     if settled is None:
         expected = job.floor + (2 * max(budget.intensity, 1e-4) if job.ladder else 0.0)
         return Accuracy(OF, UNIT, image.method, expected, seconds=image.seconds, model=job.model)

@@ -14,11 +14,16 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from ..accuracy.picture import settle, stated
+from ..camera import Camera
 from ..design.files import in_the_way, write_atomically
 from ..effects import Budget, Plan, plan
 from ..errors import InputError, Problem, refusal
+from ..imaging.camera import Region
 from ..imaging.files import check_target, write_image
+from ..imaging.render import noise_rays
 from ..imaging.render import render as compute
+from ..imaging.sampling import render_seconds
+from ..imaging.trace import RaySampling
 from ..options import Options
 from ..reporting.design.microlens import preview as zooms
 from ..scenes import WHITE_FIELD, load_scene
@@ -37,6 +42,7 @@ from .terminal import (
     json_text,
     say,
     say_written_over,
+    tell_cost,
 )
 
 
@@ -48,7 +54,7 @@ class _Options(Options):
     below the same number of pitches. Default: 0.1."""
     budget_intensity: str | None = None
     """Effects that change intensities by less are left out ("1%" or "0.01"); also how exact sampled pixels are.
-    Default: 1%."""
+    Default: 1%; of a scene that states an exposure, rays that scatter less than a third of its noise."""
     accuracy: float | None = None
     """Instead of both budgets: what 99 of 100 pixels may be off by, 1 being a fully lit one, as 0.01. As many rays are
     traced as that takes, tried beforehand on small patches, and the picture is checked on others."""
@@ -65,6 +71,14 @@ class _Options(Options):
             raise refusal("accuracy", "sets the budgets; drop --budget-px and --budget-intensity, or it")
         px = _number("budget_px", self.budget_px or "0.1")
         return Budget(px=px, intensity=_number("budget_intensity", self.budget_intensity or "1%"), pitch=px)
+
+    def sampling(self, budget: Budget) -> RaySampling | None:
+        """Sampling where its budget is given by hand; else the scene's noise may tell it."""
+        return (
+            None
+            if self.budget_intensity is None
+            else RaySampling(tolerance=max(budget.intensity, 1e-4), seed=self.seed)
+        )
 
     def overrides(self) -> list[str]:
         """Effects by hand."""
@@ -141,12 +155,19 @@ def render(
         return
     for each, effects_on, way, target in zip(scenes, plans, settled, targets, strict=True):
         began = time.perf_counter() - settling
-        used, sampling = (budget, None) if way is None else (way.budget, way.sampling)
+        used, sampling = (budget, options.sampling(budget)) if way is None else (way.budget, way.sampling)
+        by_noise = 0
+        if sampling is None:
+            part = Region.checked(Camera.of(loaded), piece)
+            by_noise, pixels = noise_rays(loaded, each, effects_on, part), part.columns * part.rows
+            size = f"{pixels / 1e6:.2g} million pixels x {by_noise} rays, to stay below the noise of its exposure"
+            seconds = render_seconds(loaded, pixels, by_noise) if by_noise else 0.0
+            tell_cost(seconds, f"{size}; a smaller --region or --budget-intensity 1% makes it shorter")
         with bar(target.name) as tell:
             image = compute(
                 loaded, each, effects=effects_on, budget=used, seed=seed, region=piece, sampling=sampling, progress=tell
             )
-        statement = replace(stated(image, way, accuracy, budget), seconds=time.perf_counter() - began)
+        statement = replace(stated(image, way, accuracy, budget, by_noise > 0), seconds=time.perf_counter() - began)
         image = replace(image, accuracy=statement.to_dict())
         held = target.read_bytes() if target.is_file() else b""
         written = [target, write_image(image, target, depth)]

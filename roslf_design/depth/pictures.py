@@ -21,13 +21,22 @@ from ..effects.elements import PLATE_ABERRATION
 from ..imaging import transfer
 from ..imaging.camera import ImageLattice, Region
 from ..imaging.render import RawImage, render
+from ..imaging.sampling import (
+    LOOKS,
+    RAYS,
+    SECONDS,
+    SLOWER,
+    even_sampling,
+    looked_at,
+    rays_for,
+    render_seconds,
+    samples_along,
+)
 from ..imaging.surfaces import seen_distances
-from ..imaging.trace import RaySampling
 from ..options import Options, Seed
 from ..scenes import Noise, Plane, Scene
 from ..scenes.scene import chief_ray_limits
 from ..shapes.lattice import PACKINGS
-from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from ..theory.photometry import electrons, source_in_tip
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
@@ -36,27 +45,6 @@ from .traced_views import TracedViews
 
 Array = NDArray[np.float64]
 
-RAYS, RAYS_FOR = 32, (5000.0, 13.0)
-"""For each pixel of a textured scene whose pixels hold so many electrons, behind microlens images so many pixels wide
-that no diffraction spreads: errors of depth scatter by up to a twentieth more than without their scatter. Rays scatter
-alike in all exposures, so that what they add to errors reads as bias."""
-LEAST_RAYS, MOST_RAYS = 8, 256
-TOUCHING, GAPS = 0.93, 2.5
-"""Diameter of microlens images over their pitch from which they touch: what rays miss of one at its rim the same rays
-show of its neighbour. Times as many rays where they leave gaps, or stops cut them: errors of depth scatter 1.5 to 2.9
-times as much there, of the cameras of the proof."""
-SPREADING = 1.9
-"""Times fewer, at most, where diffraction spreads each one's light over several pixels."""
-ALL_SPREAD, FEWER = 6.0, 2.0
-"""Pixels it spreads light over from which it averages whole blocks of rays spread together, and times fewer still: 4
-rays of a grin-needle's pixel scatter half as much against its noise as 32 of a rigid scope's."""
-TOGETHER = 8
-"""Subpixels along the side of blocks whose rays are spread evenly together."""
-FEWER_SAMPLES = 2.0
-"""So many times fewer samples along a pixel's side, at most, behind a real main lens: they are spread more evenly over
-neighbouring pixels, which helps as far as diffraction spreads their light [px]."""
-SCATTER = 0.85
-"""Power of the number of rays that what they scatter falls with."""
 DETAIL = 2.5
 """Period of the finest detail of the scene that is looked at where none is given [microlenses]."""
 SLANT = 0.5
@@ -64,8 +52,6 @@ SLANT = 0.5
 LONGEST, STEEPEST = 1.25, 3.0
 """Length of that scene between two neighbouring microlenses over the frontal one, at most: so its finest detail has two
 microlenses a period wherever it is looked at. Slope at most."""
-LOOKS = 9
-"""Places along each axis of a region at which is looked how far views look past it."""
 BESIDE = 3
 """Microlenses beyond each side of the region that are measured as well and left out: those at its border then have the
 neighbours and windows of all others."""
@@ -76,10 +62,8 @@ STRIP, WINDOWS = 12, 40
 common microlenses that it holds: enough to judge errors by."""
 LONG = 3e7
 """Rays for which it is kept shorter."""
-SECONDS = {"start": 0.5, "ray": 2e-7, "pixel": 2e-6, "decoded": 7e-7}
-"""Processor time, about: of each ray and pixel of a picture, and of a pixel that is decoded and measured."""
-SLOWER = 3.0
-"""Times that rays take where they go face by face."""
+START, DECODED = 0.5, 7e-7
+"""Processor time of an exposure, about, and of each of its pixels, which is decoded and measured [s]."""
 
 
 def lattice_of(camera: Camera, region: Region) -> CentreLattice:
@@ -93,39 +77,6 @@ def lattice_of(camera: Camera, region: Region) -> CentreLattice:
         (float(second[0]), float(second[1])),
         camera.layout,
     )
-
-
-def rays_for(camera: Camera, region: Region | None = None) -> int:
-    """Rays for each pixel that stay as far below a camera's noise as `RAYS` do, in a region or where nothing is cut.
-
-    They scatter at the rims of microlens images, of which wide images have less a pixel.
-    """
-    pixels, width = float(camera.q), abs(float(microlens_image_diameter(camera) / camera.q))
-    wanted = (float(electrons(camera)) / RAYS_FOR[0] * RAYS_FOR[1] / max(width, 1.0)) ** (0.5 / SCATTER)
-    blur = _blur(camera)
-    kept = 1.0 if region is None else MicrolensImages(camera, _looked_at(camera, region)).shapes.kept_fraction.min()
-    touching = TOUCHING * abs(float(microlens_image_pitch(camera)))
-    wanted *= GAPS if width * pixels * math.sqrt(kept) < touching else 1.0
-    some = float(np.clip(RAYS * wanted / np.clip(blur, 1.0, SPREADING), LEAST_RAYS, MOST_RAYS))
-    some /= FEWER if blur > ALL_SPREAD else 1.0
-    return 1 << (math.ceil(some) - 1).bit_length()
-
-
-def _blur(camera: Camera) -> float:
-    """Width of diffraction at the microlenses [px]."""
-    return float(camera.wavelength * camera.seen.d_2 / camera.d / camera.q)
-
-
-def _samples_along(camera: Camera, rays: int) -> int:
-    """Samples along a pixel's side behind a real main lens, that scatter as so many rays a pixel do."""
-    return math.ceil(math.sqrt(rays) / float(np.clip(_blur(camera), 1.0, FEWER_SAMPLES)))
-
-
-def _looked_at(camera: Camera, region: Region) -> Array:
-    """Some places of a region on the array [mm], shape (n, 2)."""
-    lattice, share = lattice_of(camera, region), np.linspace(0, 1, LOOKS)
-    corners = np.stack(np.meshgrid(share * (region.columns - 1), share * (region.rows - 1)), -1).reshape(-1, 2)
-    return np.asarray(lattice.indices(corners) @ PACKINGS[lattice.layout].steps.T * float(camera.d))
 
 
 class PictureOptions(Options):
@@ -185,8 +136,7 @@ class Unexposed(NamedTuple):
         # Rays through elements go as depth has them, however near that is to first order.
         exact = [f"+{PLATE_ABERRATION.name}"] if PLATE_ABERRATION.available(design) else []
         lines = plan(design, scene, Budget(), ["-noise", *SHIFTING, *exact]).without("veil")
-        side = _samples_along(Camera.of(design.thin_twin), rays)
-        sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side, together=TOGETHER)
+        sampling = even_sampling(Camera.of(design.thin_twin), rays, seed)
         # Light is drawn so far around what has to be right, and no microlens of the margin is to be left dark.
         right = framed.region.grown(max(0, framed.margin - transfer.LEAST_HALO)).common(framed.wide)
         quiet = scene.model_copy(update={"light": scene.light.model_copy(update={"exposure": None})})
@@ -244,7 +194,7 @@ def _stretched(design: Design) -> float:
 
 def _distances_seen(scene: Scene, geometry: ArrayGeometry, region: Region) -> Array:
     """Distances Z of what chief rays at some places of a region meet of a scene [mm], inf where they meet nothing."""
-    places = _looked_at(geometry.camera, region)
+    places = looked_at(geometry.camera, region)
     return seen_distances(scene, geometry.camera, chief_rays(geometry.camera, geometry.traced, places))
 
 
@@ -274,7 +224,7 @@ def _aside(design: Design, region: Region) -> float:
     geometry = ArrayGeometry(design)
     if geometry.traced is None:
         return 0.0
-    _, aside = geometry.traced.bends(_looked_at(geometry.camera, region))
+    _, aside = geometry.traced.bends(looked_at(geometry.camera, region))
     return float(np.linalg.norm(aside, 2, (1, 2)).max())
 
 
@@ -338,11 +288,10 @@ class Work(NamedTuple):
         rays = options.rays or rays_for(camera, wide)
         pixels, slower = wide.columns * wide.rows, SLOWER if design.traced_through else 1.0
         if design.thin_twin is not design:
-            rays = _samples_along(camera, rays) ** 2
-        each = SECONDS["ray"] * rays * slower * max(1.0, float(QUANTITIES["fill_factor"](camera)) ** 2)
+            rays = samples_along(camera, rays) ** 2
         white = pixels * SECONDS["pixel"] * (slower - 0.9)
-        exposure = SECONDS["start"] + pixels * SECONDS["decoded"]
-        return cls(pixels, rays, white, pixels * (each + SECONDS["pixel"]), exposure, options.exposures)
+        exposure = START + pixels * DECODED
+        return cls(pixels, rays, white, render_seconds(design, pixels, rays), exposure, options.exposures)
 
     @property
     def seconds(self) -> float:

@@ -20,7 +20,7 @@ from ..effects.geometry import mapped_blur
 from ..errors import InputError, Problem, refusal
 from ..options import check_seed
 from ..progress import part_of
-from ..scenes import WHITE_FIELD, Scene
+from ..scenes import WHITE_FIELD, Scene, White
 from ..tables import BriefValue
 from ..theory.colours import BRIGHTEST, FILTERS, ColourFilter, filters, mosaic, per_watt
 from ..theory.light import chief_spread, falloff, outer_slope
@@ -30,6 +30,7 @@ from .camera import Image, ImageLattice, Region, pixel_centres, pixel_response, 
 from .lens_rays import real_camera
 from .point_source import PointSource
 from .points import point_image
+from .sampling import even_sampling, rays_for
 from .trace import FEWEST, TOGETHER, RaySampling, Tracer
 from .transfer import CORE, Geometry, bands, blurred, fineness, halo, near_reach
 from .white import MOST_ORDERS, MOST_ROWS, HarmonicSeries, WhiteGeometry, add_falloff, harmonic_series
@@ -110,7 +111,8 @@ def render(
     effects : Plan, optional
         None makes one from `budget` and `overrides`.
     budget : Budget, optional
-        How large an effect may be and still be left out; also the accuracy asked of sampled pixels.
+        How large an effect may be and still be left out; also the accuracy asked of sampled pixels, where its intensity
+        is not the default's or no noise is drawn.
     overrides : iterable of str
         As in `effects.plan`.
     seed : int
@@ -128,7 +130,7 @@ def render(
     threads : int, optional
         None is one for each processor.
     sampling : Sampling, optional
-        Rays per pixel; None follows the budget.
+        Rays per pixel; None follows the budget, or stays well below the noise that is drawn.
     progress : callable
         Told the share of rays, or of rows, that are done.
 
@@ -149,18 +151,27 @@ def render(
     check_seed(seed)
     if threads is not None and threads < 1:
         raise refusal("threads", f"{threads} is out of range; give a whole number from 1, or leave it out")
-    if sampling is None:
-        sampling = RaySampling(tolerance=max(budget.intensity, 1e-4), seed=seed)
     piece = Region.checked(Camera.of(design), region).drawn()
+    by_noise = 0 if sampling or budget.intensity != Budget().intensity else noise_rays(design, scene, effects, piece)
+    if by_noise:
+        sampling = even_sampling(Camera.of(design.thin_twin), by_noise, seed)
+    sampling = sampling or RaySampling(tolerance=max(budget.intensity, 1e-4), seed=seed)
     core = None if inner is None else Region.checked(Camera.of(design), inner)
     count = threads or os.cpu_count() or 1
-    jobs = [
-        (one, _Job(design, each, effects, budget, sampling, count, core, over)) for one, each in _scenes(design, scene)
-    ]
+    scenes, whites = _scenes(design, scene), list[tuple[ColourFilter | None, _Job]]()
+    if by_noise and scene.surfaces and scene.brightness > 0:
+        mean = {"objects": (White(level=scene.brightness),), "background": 0.0}
+        even = [(one, each.model_copy(update=mean)) for one, each in scenes]
+        whites = [(one, _Job(design, each, effects, budget, sampling, count, core)) for one, each in even]
+        # Where rays have to tell white as well, they would scatter as much in it.
+        whites = [] if any(job.traced for _, job in whites) else whites
+        over = scene.brightness if whites else over
+    jobs = [(one, _Job(design, each, effects, budget, sampling, count, core, over)) for one, each in scenes] + whites
     pixels = np.zeros((piece.rows, piece.columns), np.float32)
     generator = np.random.default_rng(seed)
     for number, (one, job) in enumerate(jobs):
-        for row, band in job.bands(piece, part_of(progress, number / len(jobs), (number + 1) / len(jobs))):
+        share = part_of(progress, min(number / len(scenes), 1.0), min((number + 1) / len(scenes), 1.0))
+        for row, band in job.bands(piece, share):
             _put(pixels, row, band, one, design, piece)
         for light, source in job.sources():
             _put(pixels, 0, light * point_image(source, piece, job.colours, budget.intensity), one, design, piece)
@@ -178,6 +189,14 @@ def render(
     seconds = time.perf_counter() - start
     rays = sum(job.rays for _, job in jobs)
     return RawImage(pixels, piece, design, scene, effects, seed, jobs[0][1].method, rays, seconds)
+
+
+def noise_rays(design: Design, scene: Scene, effects: Plan, region: Region) -> int:
+    """Rays for each pixel that scatter well below the noise drawn in a scene's picture; 0 where none is, or no rays."""
+    exposure = scene.light.exposure
+    if exposure is None or not effects.on("noise") or method_of(design, scene, effects) != "rays":
+        return 0
+    return rays_for(Camera.of(design.thin_twin), region, exposure * (scene.brightness or 1.0))
 
 
 def method_of(design: Design, scene: Scene, effects: Plan) -> str:

@@ -9,8 +9,8 @@ import numpy as np
 from scipy import ndimage
 
 from roslf_design.calibration.decoding import LightField
-from roslf_design.depth import geometry, measure, pictures
-from roslf_design.imaging import transfer
+from roslf_design.depth import geometry, measure
+from roslf_design.imaging import sampling, transfer
 
 
 def fewer_rays(patch):
@@ -20,8 +20,8 @@ def fewer_rays(patch):
     """
     patch.setattr(transfer, "LEAST_HALO", 48)
     patch.setattr(transfer, "LEAST_PITCHES", 0)
-    patch.setattr(pictures, "RAYS", pictures.RAYS // 4)
-    patch.setattr(pictures, "LEAST_RAYS", pictures.LEAST_RAYS // 4)
+    patch.setattr(sampling, "RAYS", sampling.RAYS // 4)
+    patch.setattr(sampling, "LEAST_RAYS", sampling.LEAST_RAYS // 4)
 
 
 def at_first_sight(patch):

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from roslf_design.camera import Camera
-from roslf_design.depth import pictures as taking
 from roslf_design.depth.measure import simulate
 from roslf_design.depth.pictures import Framed, PictureOptions, Unexposed, Work, default_scene, rays_for
 from roslf_design.design import load, preset_names
-from roslf_design.imaging import trace
+from roslf_design.imaging import sampling, trace
 from roslf_design.imaging.camera import Region
 from roslf_design.reporting.depth.pages import ENOUGH
 from roslf_design.scenes import Scene
@@ -51,7 +50,7 @@ def test_rays_that_tell_only_what_differs_from_white_show_the_same_with_less_sca
 def test_rays_spread_evenly_over_blocks_scatter_less_and_are_not_beside(monkeypatch):
     design, part = load("ear-speculum"), (1204, 900, 32, 32)
     together, _ = pictures(design, range(4), 32, part)
-    monkeypatch.setattr(taking, "TOGETHER", 1)
+    monkeypatch.setattr(sampling, "TOGETHER", 1)
     alone, _ = pictures(design, range(4), 32, part)
     # Their variances are a quarter; of four seeds and hundreds of independent pixels a half is far from chance.
     assert together.var(0, ddof=1).mean() < alone.var(0, ddof=1).mean() / 2

@@ -1,0 +1,78 @@
+"""Depth in a picture that `render` made of a scene with an exposure, by the rays that it takes by itself."""
+
+import numpy as np
+import pytest
+
+import roslf_design as roslf
+from roslf_design.accuracy.picture import BELOW_NOISE
+from roslf_design.effects import Budget, Plan
+from roslf_design.imaging.files import write_image
+from roslf_design.imaging.trace import RaySampling
+from roslf_design.scenes import Noise as Texture
+from roslf_design.scenes import Plane, Scene, make_scene
+
+REGION = (2100, 1420, 420, 200)
+"""32 x 15 microlenses of the paper's camera."""
+NEAR, FAR = 342.0, 352.0
+ELECTRONS, READ = 6000.0, 2.5
+LIGHT = {"exposure": ELECTRONS, "read_noise": READ}
+
+
+def step(**light):
+    """A wall, and a nearer one before its half at x > 0."""
+    texture = {"kind": "noise", "finest": 0.5}
+    far = {"kind": "plane", "distance": FAR, "texture": texture}
+    near = {"kind": "plane", "distance": NEAR, "centre": (10.0, 0.0), "size": (20.0, 40.0)}
+    return make_scene({"objects": [far, near | {"texture": texture | {"seed": 3}}], "light": LIGHT | light})
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """raw.tif by default, few.tif by so few rays that they scatter more than light, white.tif."""
+    place = tmp_path_factory.mktemp("rendered")
+    few = RaySampling(least=1, most=1, tolerance=1.0)
+    for name, scene, sampling in (("raw", step(), None), ("few", step(), few), ("white", None, None)):
+        write_image(roslf.render("paper", scene, region=REGION, sampling=sampling), place / f"{name}.tif")
+    return place
+
+
+def test_depth_in_a_rendered_step_agrees_with_the_scene(folder):
+    found = roslf.capture_depth(folder / "raw.tif", white=folder / "white.tif", design="paper")
+    assert found.noise.times == 1.0
+    run = found.first
+    # Which wall a microlens looks at is told by its depth; at the step a window sees both.
+    near = run.depth < (NEAR + FAR) / 2
+    for side, distance in ((near, NEAR), (~near & np.isfinite(run.depth), FAR)):
+        inner = side & (np.lib.stride_tricks.sliding_window_view(np.pad(side, 2), (5, 5)).all((2, 3)))
+        off = (run.depth - distance)[inner] / run.sigma[inner]
+        assert inner.sum() > 100
+        assert abs(off.mean()) < 3 / np.sqrt(off.size / found.first.disparities.window**2)
+        assert np.sqrt((off**2).mean()) < 1.5
+
+
+@pytest.mark.parametrize(("name", "size"), [("paper", 40), ("rigid-scope", 40), ("ear-speculum", 32)])
+def test_rays_scatter_by_less_than_a_third_of_the_noise(monkeypatch, name, size):
+    design = roslf.load(name)
+    monkeypatch.setattr(Plan, "drawn", property(lambda plan: ()))  # the picture as it is before noise
+    width, height = design.pixels
+    part = ((width - size) // 2, (height - size) // 2, size, size)
+    finest = 2.5 * float(roslf.quantity("object_sample_mm")(roslf.Camera.of(design)))
+    wall = Scene.model_validate({"objects": (Plane(texture=Texture(finest=finest)),), "light": LIGHT})
+    one, other = (roslf.render(design, wall, region=part, seed=seed).pixels.astype(float) for seed in (1, 2))
+    mean = (one + other) / 2
+    lit = mean > 0.1 * np.quantile(mean, 0.99)
+    noise = np.sqrt(mean[lit] * ELECTRONS + READ**2) / ELECTRONS
+    scatter = np.sqrt((((one - other)[lit] ** 2) / 2).mean())
+    assert scatter < BELOW_NOISE * np.sqrt((noise**2).mean())
+    # What is taken off before, and given back by the white picture, leaves no trace.
+    many = roslf.render(design, wall, region=part, seed=3, sampling=RaySampling(128, 128, 0.0)).pixels
+    assert abs((mean - many)[lit].mean()) < 0.002 * mean[lit].mean()
+
+
+def test_a_budget_by_hand_and_scenes_without_noise_are_sampled_as_before():
+    part = (2240, 1480, 24, 24)
+    for options in ({"budget": Budget(intensity=0.02)}, {"overrides": ["-noise"]}):
+        image = roslf.render("paper", step(), region=part, **options)
+        tolerance = options.get("budget", Budget()).intensity
+        same = roslf.render("paper", step(), region=part, sampling=RaySampling(tolerance=tolerance), **options)
+        assert image.pixels.tobytes() == same.pixels.tobytes()
