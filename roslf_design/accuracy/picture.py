@@ -29,6 +29,7 @@ from ..imaging.white import neighbour_interference
 from ..scenes import Scene
 from ..theory.light import object_sample
 from ..theory.transfer import MicrolensTransfer
+from ..words import percent
 from .statement import Accuracy, check_accuracy
 
 Floats = NDArray[np.float64]
@@ -152,16 +153,15 @@ def stated(
     """
     budget = budget if settled is None else settled.budget
     job = _Job(image.design, image.scene, image.plan, budget, image.seed, image.region, image.method)
-    if settled is None and by_noise:
-        light = image.scene.light
-        electrons = (light.exposure or 1.0) * image.scene.brightness
-        scatter = BELOW_NOISE * math.hypot(math.sqrt(electrons), light.read_noise) / (light.exposure or 1.0)
-        method = f"{image.method}, which scatter by less than {BELOW_NOISE:.0%} of the noise drawn"
-        expected = job.floor + OF_NORMAL * scatter
-        return Accuracy(OF, f"{UNIT}, noise apart", method, expected, seconds=image.seconds, model=job.model)
     if settled is None:
-        expected = job.floor + (2 * max(budget.intensity, 1e-4) if job.ladder else 0.0)
-        return Accuracy(OF, UNIT, image.method, expected, seconds=image.seconds, model=job.model)
+        method, unit, sampled = image.method, UNIT, 2 * max(budget.intensity, 1e-4) if job.ladder else None
+        if by_noise:
+            full, light = image.scene.light.exposure or 1.0, image.scene.light
+            noise = math.hypot(math.sqrt(full * image.scene.brightness), light.read_noise) / full
+            unit, sampled = f"{UNIT}, noise apart", OF_NORMAL * BELOW_NOISE * noise
+            method = f"{image.method}, which scatter by less than {percent(BELOW_NOISE)} of the noise drawn"
+        expected = job.floor + (sampled or 0.0)
+        return Accuracy(OF, unit, method, expected, seconds=image.seconds, model=job.model, sampling=sampled)
     measured, by = None, ""
     if job.ladder and job.rays(settled.sampling) <= max(CHEAP, CHEAPER * image.rays):
         measured, _ = job.error(settled.sampling, job.patches(1, True))

@@ -59,6 +59,8 @@ class Accuracy:
     """Model error that no effort gets past, in words; empty where none is known."""
     scatter: float = 0.0
     """Relative standard error of the measured error itself."""
+    sampling: float | None = None
+    """Part of the expected error that samples leave; None where nothing is sampled, or it is not told apart."""
     known: str = ""
     """Statement of what is known to what, in words; empty: the subject to the expected error."""
 
@@ -82,6 +84,7 @@ class Accuracy:
             "kept": self.kept,
             "model_error": self.model or None,
         }
+        statement |= {} if self.sampling is None else {"sampling_error": self.sampling}
         return statement | ({"seconds": self.seconds} if times else {})
 
     def sentence(self, times: bool = True) -> str:

@@ -46,6 +46,8 @@ BEYOND = 0.01
 """Share of the microlenses beyond one end of the search from which it is widened there."""
 OFF = 1.2
 """Factor by which chi-square is off, and everywhere, from which noise is not as believed: 10 % of its deviation."""
+SCATTERED = 0.5 * 2.58
+"""Error of 99 of 100 pixels by rays, over the standard deviation by light, from which rays may be seen in a picture."""
 FAINTEST = 1e-4
 """Least noise of such views, against their brightness: what rounding and interpolation leave."""
 
@@ -63,6 +65,19 @@ class CaptureNoise:
     """True where views gave it themselves."""
     times: float = 1.0
     """Standard deviation against that first believed, where views say that it is another."""
+    sampling: float = 0.0
+    """Error that a rendered file states of 99 of 100 pixels by the rays that it took, 1 being a fully lit one."""
+
+    @property
+    def stated(self) -> PixelNoise:
+        """Noise as first believed, before views said how large it is."""
+        return self.pixel.times(1 / self.times)
+
+    @property
+    def by_sampling(self) -> bool:
+        """True where noise is larger than believed, and rays of the file scatter half as much as light or more."""
+        light = math.hypot(math.sqrt(self.stated.electrons), self.stated.read_noise) / self.stated.electrons
+        return self.times > 1 and self.sampling > SCATTERED * light * self.scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +125,9 @@ class MeasuredCapture(Measurement):
                 "read_noise": noise.read_noise,
                 "from": self.noise.source,
                 "times_believed": self.noise.times,
+                "stated_electrons": self.noise.stated.electrons,
+                "stated_read_noise": self.noise.stated.read_noise,
+                "sampling_error": self.noise.sampling or None,
             },
             "summary": summary | {"unknown": self.unknown()},
             "plane": None if flat is None else {f"rms_{unit}": flat.rms, "inside_68": flat.inside_68},
@@ -162,7 +180,8 @@ def raw_noise(camera: Camera, raw: RawDecoded, field: LightField, sensor: Measur
     if light is not None:
         exposure, read = light
         noise = PixelNoise(exposure * level, read).on_veil(veil)
-        return CaptureNoise(noise, level, "the exposure that the file was rendered with")
+        said = "the exposure that the file was rendered with"
+        return CaptureNoise(noise, level, said, sampling=_sampling_of(raw.notes))
     if sensor is not None and sensor.gain is not None:
         gain, well = sensor.gain.value, sensor.full_well
         if sensor.read_noise is not None:  # rounding is none of it
@@ -190,6 +209,15 @@ def _light_of(notes: Mapping[str, Any]) -> tuple[float, float] | None:
     if not all(isinstance(value, (int, float)) and 0 <= value < MOST_ELECTRONS for value in (exposure, read)):
         return None
     return (float(exposure), float(read)) if exposure > 0 else None
+
+
+def _sampling_of(notes: Mapping[str, Any]) -> float:
+    """Error that a rendered picture states of 99 of 100 pixels, where it took rays; 0 where it says nothing."""
+    told = notes.get("accuracy")
+    if notes.get("method") != "rays" or not isinstance(told, dict):
+        return 0.0
+    stated = [told.get(key) for key in ("measured_error", "sampling_error")]
+    return next((float(error) for error in stated if isinstance(error, (int, float)) and 0 < error < math.inf), 0.0)
 
 
 def _brightness(field: LightField) -> float:

@@ -1,15 +1,19 @@
 """Depth in a picture that `render` made of a scene with an exposure, by the rays that it takes by itself."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.accuracy.picture import BELOW_NOISE
+from roslf_design.accuracy.picture import BELOW_NOISE, stated
 from roslf_design.effects import Budget, Plan
 from roslf_design.imaging.files import write_image
 from roslf_design.imaging.trace import RaySampling
+from roslf_design.reporting.depth.captured import capture_answers, capture_basis
 from roslf_design.scenes import Noise as Texture
 from roslf_design.scenes import Plane, Scene, make_scene
+from roslf_design.words import number
 
 REGION = (2100, 1420, 420, 200)
 """32 x 15 microlenses of the paper's camera."""
@@ -30,9 +34,11 @@ def step(**light):
 def folder(tmp_path_factory):
     """raw.tif by default, few.tif by so few rays that they scatter more than light, white.tif."""
     place = tmp_path_factory.mktemp("rendered")
-    few = RaySampling(least=1, most=1, tolerance=1.0)
+    few = RaySampling(least=4, most=4, tolerance=1.0)
     for name, scene, sampling in (("raw", step(), None), ("few", step(), few), ("white", None, None)):
-        write_image(roslf.render("paper", scene, region=REGION, sampling=sampling), place / f"{name}.tif")
+        image = roslf.render("paper", scene, region=REGION, sampling=sampling)
+        told = stated(image, None, None, Budget(), sampling is None).to_dict()
+        write_image(replace(image, accuracy=told), place / f"{name}.tif")
     return place
 
 
@@ -48,6 +54,20 @@ def test_depth_in_a_rendered_step_agrees_with_the_scene(folder):
         assert inner.sum() > 100
         assert abs(off.mean()) < 3 / np.sqrt(off.size / found.first.disparities.window**2)
         assert np.sqrt((off**2).mean()) < 1.5
+
+
+def test_noise_of_few_rays_is_told_as_that_of_the_rendering(folder):
+    found = roslf.capture_depth(folder / "few.tif", white=folder / "white.tif", design="paper")
+    told = found.to_dict()["noise"]
+    assert told["times_believed"] > 1.2
+    level = found.noise.scale
+    assert told["stated_electrons"] == pytest.approx(ELECTRONS * level, rel=1e-6)
+    assert told["stated_read_noise"] == pytest.approx(READ, rel=1e-6)
+    assert told["electrons"] == pytest.approx(ELECTRONS * level / told["times_believed"] ** 2, rel=1e-6)
+    words = str([*capture_answers(found), *capture_basis(found)])
+    assert "rays that the picture was rendered with leave up to 2 %" in words
+    assert "say in [sensor]" not in words
+    assert f"{number(ELECTRONS * level, 4)} electrons in a pixel as bright as most, 2.5 read noise" in words
 
 
 @pytest.mark.parametrize(("name", "size"), [("paper", 40), ("rigid-scope", 40), ("ear-speculum", 32)])

@@ -11,7 +11,7 @@ from ...depth.captured import MeasuredCapture
 from ...depth.geometry import ArrayGeometry
 from ...depth.measure import Depths, Flatness
 from ...drawing.picture import Picture
-from ...words import length, listed, number, sentence
+from ...words import length, listed, number, percent, sentence
 from ..blocks import Block, Bullets, Code, Figure, Report, Statement, Statements, Table
 from .pages import errors_right, known, measurement_report, optics_notes, places
 
@@ -115,10 +115,15 @@ def _capture_statements(measured: MeasuredCapture) -> Iterator[Statement]:
         )
         yield Statement("plain", text)
     if measured.noise.times != 1.0:
-        text = (
-            f"Is the noise as believed? It is {measured.noise.times:.2g} times as believed, as views show everywhere."
-        )
-        yield Statement("caution", text, "Errors reported are for it; say in [sensor] and [light] what the camera has.")
+        noise = measured.noise
+        text = f"Is the noise as believed? It is {noise.times:.2g} times as believed, as views show everywhere"
+        remedy = "say in [sensor] and [light] what the camera has"
+        if noise.by_sampling:
+            text += (
+                f": rays that the picture was rendered with leave up to {percent(noise.sampling)} of a fully lit pixel"
+            )
+            remedy = "render without --budget-intensity and --accuracy, or with less: rays then stay below the noise"
+        yield Statement("caution", f"{text}.", f"Errors reported are for it; {remedy}.")
     for warning in measured.warnings:
         yield Statement("caution", sentence(warning))
 
@@ -151,13 +156,14 @@ def _numbers(measured: MeasuredCapture) -> Table:
 
 def capture_basis(measured: MeasuredCapture) -> tuple[Block, ...]:
     """Table of what depths and errors of a capture rest on: camera, noise, window."""
-    run, noise = measured.first, measured.noise.pixel
+    run, noise, times = measured.first, measured.noise.stated, measured.noise.times
     low, high = run.disparities.search
     camera = measured.camera or "nothing says: disparities only"
     if measured.calibration:
         camera += f", from {measured.calibration}"
     light = f"{number(noise.electrons, 4)} electrons in a pixel as bright as most, {noise.read_noise:.3g} read noise"
     light = f"{light}; from {measured.noise.source}" if measured.kind == "raw" else measured.noise.source
+    light += "" if times == 1.0 else f"; views show {number(times, 2)} times that noise, which errors count"
     side = run.disparities.window
     span = "pitches over the FAP" if run.geometry.place_unit == "mm" else "px over all views"
     rows = [
