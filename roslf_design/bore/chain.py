@@ -9,10 +9,11 @@ only, hold for what is seen. Paraxial; a plate is its reduced thickness t/n.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from itertools import pairwise, product
+from itertools import accumulate, pairwise, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -58,7 +59,8 @@ class ImagedPlane(NamedTuple):
         """A, its lengths over those of its image."""
         if isinstance(self.a, float):
             return self.a if abs(self.a) >= FARTHEST else math.copysign(FARTHEST, self.a)
-        return np.where(np.abs(self.a) < FARTHEST, np.where(self.a < 0, -FARTHEST, FARTHEST), self.a)[()]
+        far = np.abs(self.a) < FARTHEST
+        return np.where(far, np.where(self.a < 0, -FARTHEST, FARTHEST), self.a)[()] if far.any() else self.a
 
     @property
     def distance(self) -> Number:
@@ -141,6 +143,8 @@ class BoreWalk(NamedTuple):
     """Index of what lies beyond all elements."""
     power: Number = 0.0
     """Power of the main lens, through which planes behind it are seen [1/mm]; 0 where those before it go on there."""
+    farthest: tuple[float, ...] = ()
+    """Farthest that each element, with all behind it, reaches in any build [mm before the main lens]."""
 
     @property
     def front(self) -> tuple[Number, ImagedPlane]:
@@ -149,10 +153,11 @@ class BoreWalk(NamedTuple):
 
     def plane(self, z: Number) -> ImagedPlane:
         """The plane at z before the main lens, below 0 behind it [mm]; on a thin lens, the lens not yet passed."""
-        parts, steps, medium, power = self
+        parts, steps, medium, power, farthest = self
         if (power if isinstance(power, float) else np.any(power)) and np.any(np.less(z, 0)):
             return self._behind(z)
-        behind = 0  # elements that every build's plane has behind it
+        # Elements that every build's plane has behind it; most are told by a number.
+        behind = bisect_left(farthest, np.min(np.real(z)) if np.size(z) else -math.inf)
         while behind < len(parts) and _all(z > parts[behind].start) and _all(z >= steps[behind + 1].place):
             behind += 1
         step = steps[behind]
@@ -183,6 +188,17 @@ class BoreWalk(NamedTuple):
         offset, slope = ((chosen(0.0, x), chosen(0.0, y)) for x, y in (ahead.axis_offset, ahead.axis_slope))
         a, b, c, d = (chosen(*both) for both in zip(through[:4], ahead[:4], strict=True))
         return ImagedPlane(a, b, c, d, offset, slope, chosen(1.0, ahead.medium))
+
+    def plane_of_vergence(self, vergence: Number) -> Number:
+        """Distance of the plane before the farthest element that is seen at 1/distance before the main lens [mm]."""
+        far, last = self.front
+        return far + ratio(last.medium * (last.a - last.b * vergence), last.d * vergence - last.c)
+
+    def plane_seen_at(self, distance: Number) -> Number:
+        """Distance of the plane before the farthest element that is seen at a distance before the main lens [mm]."""
+        far, last = self.front
+        here = times(last.medium, minus(times(distance, last.a), last.b))
+        return plus(far, _over(here, minus(last.d, times(distance, last.c))))
 
     def mapped_images(self) -> Iterator[tuple[StandingElement, ImagedPlane]]:
         """Each objective with a mapping, and its image plane of what is far: heights there are focal length times p."""
@@ -323,7 +339,8 @@ class Chain:
             steps.append(part.through(step, part.length, np.True_))
         focal_length = numbers.get(FOCAL) if self.stop_behind else None  # not known yet of a lens by prescription
         power = 0.0 if focal_length is None else 1 / focal_length
-        return BoreWalk(parts, tuple(steps), numbers.get(MEDIUM, 1.0), power)
+        ends = [max(_most(part.start), _most(step.place)) for part, step in zip(parts, steps[1:], strict=True)]
+        return BoreWalk(parts, tuple(steps), numbers.get(MEDIUM, 1.0), power, tuple(accumulate(ends, max)))
 
     def plane(self, numbers: Mapping[str, Number], z: Number) -> ImagedPlane:
         """The plane at z before the main lens [mm]; on a thin lens, the lens not yet passed."""
@@ -361,17 +378,6 @@ class Chain:
             return np.greater(array, 0)
         return np.greater(plane, focal_length) & np.greater(array, focal_length)
 
-    def plane_of_vergence(self, numbers: Mapping[str, Number], vergence: Number) -> Number:
-        """Distance of the plane before the farthest element that is seen at 1/distance before the main lens [mm]."""
-        far, last = self.front(numbers)
-        return far + ratio(last.medium * (last.a - last.b * vergence), last.d * vergence - last.c)
-
-    def plane_seen_at(self, numbers: Mapping[str, Number], distance: Number) -> Number:
-        """Distance of the plane before the farthest element that is seen at a distance before the main lens [mm]."""
-        far, last = self.front(numbers)
-        here = times(last.medium, minus(times(distance, last.a), last.b))
-        return plus(far, _over(here, minus(last.d, times(distance, last.c))))
-
     def front(self, numbers: Mapping[str, Number]) -> tuple[Number, ImagedPlane]:
         """The farthest element's scene side: its distance [mm before the main lens], and the plane, all passed."""
         return self.walk(numbers).front
@@ -386,7 +392,7 @@ class Chain:
         """Whether anything in it changes what size things are seen in."""
         return self.foremost_power > 0
 
-    def past_infinity(self, numbers: Mapping[str, Number], plane: Number) -> Flags:
+    def past_infinity(self, numbers: Mapping[str, Number], plane: Number, walk: BoreWalk | None = None) -> Flags:
         """True where light would have to come in converging, to be in focus on the array as a plane is.
 
         Backwards from the array, such light diverges as it leaves the foremost part with power. A plane in the bore
@@ -395,7 +401,7 @@ class Chain:
         past = ~np.greater_equal(plane, self.end(numbers))
         if not np.any(past):
             return np.asarray(past)
-        steps = self.walk(numbers).steps
+        steps = (walk or self.walk(numbers)).steps
         (a, b, c, d), last = steps[self.foremost_power].matrix, steps[-1].matrix
         # Flat glass and air behind it: A and B grow by their reduced length, times C and D.
         room = ((last[0] - a) * c + (last[1] - b) * d) / (c * c + d * d)
@@ -428,12 +434,12 @@ class Chain:
         """Length that glass behind the microlenses takes off d_2 [mm]."""
         return sum((_shortened(numbers, place) for place in self.plates_behind), 0.0)
 
-    def followed(self, numbers: Mapping[str, Number], key: str) -> Number:
-        """The value of one of f, d_f and d_1 that the other two in `numbers` give [mm]."""
+    def followed(self, numbers: Mapping[str, Number], key: str, walk: BoreWalk | None = None) -> Number:
+        """The value of one of f, d_f and d_1 that the other two in `numbers` give [mm]; `walk` where it is known."""
         array = 0.0 if key == DISTANCE else numbers[DISTANCE] - self.before_array(numbers)
         if key == PLANE and self.order:  # in vergences: what is in focus may be seen at infinity and beyond
             f = numbers[FOCAL]
-            return self.plane_of_vergence(numbers, (array - f) / (array * f))
+            return (walk or self.walk(numbers)).plane_of_vergence((array - f) / (array * f))
         apparent = {**numbers, DISTANCE: array}
         if key != PLANE:
             apparent[PLANE] = self.seen_plane(numbers)
@@ -443,6 +449,12 @@ class Chain:
 
 def _all(flags: bool | Flags) -> bool:
     return flags if isinstance(flags, bool) else bool(np.all(flags))
+
+
+def _most(a: Number) -> float:
+    """The largest; infinite where one is undefined."""
+    most = a if isinstance(a, float) else float(np.max(np.real(a), initial=-math.inf))
+    return math.inf if math.isnan(most) else most
 
 
 def _smaller(a: Number, b: Number) -> Number:

@@ -175,10 +175,9 @@ class Camera(Symbols[Number]):
         if TEMPERATURE in given and coldest in numbers and not given.keys() & {coldest, warmest}:  # asked at it alone
             numbers.setdefault(known, _number((numbers[coldest] + numbers[warmest]) / 2))
             numbers |= dict.fromkeys((coldest, warmest), numbers[TEMPERATURE])
-        key = follower(given)
-        if key is not None:
-            numbers[key] = self.chain.followed(numbers, key)
-        camera = self._with(numbers)
+        camera, key = self._with(numbers), follower(given)
+        if key is not None:  # no way through the bore hangs on d_f, which is no more than where the camera looks
+            numbers[key] = self.chain.followed(numbers, key, camera._walk if key == PATHS["d_f"] else None)
         if in_focus:
             numbers[PATHS["f_ml"]] = camera.seen.d_2 / (1 + camera.seen.d_2 * camera.seen.vergence)
         return camera
@@ -365,11 +364,11 @@ class Camera(Symbols[Number]):
 
     def plane_seen_at(self, distance: Number) -> Number:
         """Plane in front of the farthest element that the main lens sees at a distance [both mm before it]."""
-        return self.chain.plane_seen_at(self._numbers, distance)
+        return self._walk.plane_seen_at(distance)
 
     def plane_of_vergence(self, vergence: Number) -> Number:
         """Plane in front of the farthest element that is seen at 1/distance [1/mm]; 0 is infinity [mm]."""
-        return self.chain.plane_of_vergence(self._numbers, vergence)
+        return self._walk.plane_of_vergence(vergence)
 
     @cached_property
     def front(self) -> tuple[Number, ImagedPlane]:
@@ -770,7 +769,7 @@ class Camera(Symbols[Number]):
 
     def _fits(self) -> Iterator[tuple[str, Any]]:
         plane = np.asarray(self._numbers[PATHS["d_f"]])
-        past = self.chain.past_infinity(self._numbers, plane)
+        past = self.chain.past_infinity(self._numbers, plane, self._walk)
         yield "in focus beyond infinity", ~past
         ahead: Any = plane >= self.chain.end(self._numbers)
         for rim in self.openings_ahead:

@@ -99,7 +99,8 @@ def chief_rays(c: Camera, place: Place) -> ChiefRays:
         rays = np.empty((4, *at.shape[1:]))
         for alike in _alike(c, builds):
             for part in np.split(alike, range(TOGETHER, len(alike), TOGETHER)):
-                rays[..., part] = _past_elements(c.in_row(builds, part), at[..., part])
+                some = c if builds == c.shape == part.shape else c.in_row(builds, part)
+                rays[..., part] = _past_elements(some, at[..., part])
     rays = rays.reshape(4, *shape)
     lost, straight = np.isnan(rays).any(0), (*first.height, *first.slope)
     x, y, slope_x, slope_y = (np.where(lost, one, ray)[()] for one, ray in zip(straight, rays, strict=True))

@@ -100,9 +100,12 @@ class ObjectSpaceFaces:
         openings = [numbers.get(part, numbers.get(f"{part.rpartition('.')[0]}.0", 0)) for part in parts]
         begin = np.stack([np.broadcast_to(start, camera.shape) for start in starts], axis=-1)
         order = np.lexsort((np.broadcast_to(ranks, begin.shape), begin))
-        table, media = (np.take_along_axis(part, order[..., None], axis=-2) for part in (table, media))
         first = order.reshape(-1, len(faces))[0] if order.size else np.arange(len(faces))
-        belongs = np.array(openings, np.int16)[first if (order == first).all() else order]
+        if alike := bool((order == first).all()):
+            table, media = (np.take(part, first, axis=-2) for part in (table, media))
+        else:
+            table, media = (np.take_along_axis(part, order[..., None], axis=-2) for part in (table, media))
+        belongs = np.array(openings, np.int16)[first if alike else order]
         names = tuple(names[k] for k in first)
         return cls(table, media, belongs, camera.mapping.kernel, names)
 

@@ -10,6 +10,7 @@ decentre e, is seen from the microlens at c as the disc of radius ``s R`` about 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from functools import cached_property, reduce
 from typing import NamedTuple
 
@@ -231,10 +232,18 @@ def room_in_pupil(c: Camera, rim: Rim) -> Array:
     What rounding leaves of no room is none.
     """
     radius, distance, pupil = floats(rim.radius, rim.distance, c.fap.distance)
+    beside = np.abs(distance - pupil) <= ROUNDING * np.maximum(c.f, np.abs(pupil))
+    if not beside.any():
+        return np.asarray(np.nan)
     (x, y), (u, v) = c.decentre(rim.part), c.decentre("aperture")
     room = settled(np.asarray(rim.outline.room(c.fap.outline, u - x, v - y)), radius)
-    beside = np.abs(distance - pupil) <= ROUNDING * np.maximum(c.f, np.abs(pupil))
     return np.where(beside, room, np.nan)
+
+
+def _room_anywhere(c: Camera, rim: Rim, room: Array) -> Array:
+    """Room that a rim leaves at fields, or where it stands in the FAP's own plane the same at any."""
+    anywhere = room_in_pupil(c, rim)
+    return room if np.isnan(anywhere).all() else np.where(np.isnan(anywhere), room, anywhere)
 
 
 def settled(room: Array, size: Number) -> Array:
@@ -479,8 +488,10 @@ class MicrolensImages:
         """
         c, point = self.camera, self._through_fap
         bend = 1.0 - self.microlens[2] / c.f
-        rooms = []
-        for rim in c.rims:
+        upright = not (c.tilted or c.fap.outline.straight)
+        together = [rim for rim in c.rims[1:] if upright and not (rim.leans or rim.outline.straight)]
+        rooms = [self._least_room(together, bend)] if together else []
+        for rim in (rim for rim in c.rims if all(rim is not other for other in together)):
             on_lens = rim.part == "main_lens"
             crossing = point if on_lens else project(point, self.microlens, bend, c.apparent_pose(rim.part))
             if rim.leans:
@@ -489,10 +500,26 @@ class MicrolensImages:
             else:
                 room = settled(np.asarray(_room(rim.outline, crossing.image(c.fap.outline))), rim.radius)
             if not c.tilted:
-                anywhere = room_in_pupil(c, rim)
-                room = np.where(np.isnan(anywhere), room, anywhere)
+                room = _room_anywhere(c, rim, room)
             rooms.append(times(rim.scale, room))
         return reduce(np.minimum, rooms)
+
+    def _least_room(self, rims: Sequence[Rim], bend: Number) -> Number:
+        """Least room beside round rims where nothing is tilted: the same for all, on a first axis of theirs."""
+        c, axes = self.camera, max(1, *map(np.ndim, (*self.microlens, bend)))
+
+        def stacked(numbers: Iterable[Number]) -> Array:
+            row = np.stack(np.broadcast_arrays(*numbers))
+            return row.reshape(len(row), *(1,) * (axes + 1 - row.ndim), *row.shape[1:])
+
+        origin = tuple(map(stacked, zip(*(c.apparent_pose(rim.part).origin for rim in rims), strict=True)))
+        pose = Frame((origin[0], origin[1], origin[2]), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        crossing, radius = project(self._through_fap, self.microlens, bend, pose), stacked(r.radius for r in rims)
+        rooms = settled(np.asarray(_room(ClearAperture(radius), crossing.image(c.fap.outline))), radius)
+        return reduce(
+            np.minimum,
+            (times(rim.scale, _room_anywhere(c, rim, room)) for rim, room in zip(rims, rooms, strict=True)),
+        )
 
     @cached_property
     def chief(self) -> tuple[Number, Number]:
