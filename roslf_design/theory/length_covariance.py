@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -107,17 +108,26 @@ class LengthCovariance(NamedTuple):
         """
         sigma = np.sqrt(np.diag(self.matrix))
         uncertain = np.flatnonzero(sigma)
-        steps = STEP * np.diag(sigma)[:, uncertain]
-        offsets = np.concatenate([steps, -steps], axis=1).reshape(len(sigma), -1, *(1,) * len(camera.shape))
-        lengths = {place: camera[place] + off for place, off in zip(self.places, offsets, strict=True)}
         with np.errstate(invalid="ignore"):
-            values = np.asarray(compute(camera.replace(lengths)), float)
+            values = np.asarray(compute(_stepped(camera, self.places, sigma.tobytes())), float)
             values = np.broadcast_to(values, (2 * uncertain.size, *values.shape[1:]))
             ahead, behind = values[: uncertain.size], values[uncertain.size :]
             rates = np.moveaxis(ahead - behind, 0, -1) / (2 * STEP * sigma[uncertain])
             own = self.matrix[np.ix_(uncertain, uncertain)]
             variance = np.einsum("...i,ij,...j->...", rates, own, rates)
         return np.sqrt(np.where(variance < 0, 0.0, variance))  # below 0 by rounding alone
+
+
+@lru_cache(maxsize=4)
+def _stepped(camera: Camera, places: tuple[str, ...], deviations: bytes) -> Camera:
+    """Builds of a camera with each uncertain length a step off, first one way, then the other.
+
+    Kept, as many lines of a data sheet ask for those of one camera.
+    """
+    sigma = np.frombuffer(deviations)
+    steps = STEP * np.diag(sigma)[:, np.flatnonzero(sigma)]
+    offsets = np.concatenate([steps, -steps], axis=1).reshape(len(sigma), -1, *(1,) * len(camera.shape))
+    return camera.replace({place: camera[place] + off for place, off in zip(places, offsets, strict=True)})
 
 
 def _rest(covariance: Array, taken: Array) -> Array:

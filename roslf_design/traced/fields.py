@@ -9,6 +9,7 @@ difference of the wave's phases there. Views and the refocused image take their 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Complex
-from ..camera import Camera
+from ..camera import Camera, Number
 from ..design import Design
 from ..fates import ImageFate
 from ..polynomials import Polynomials
@@ -58,34 +59,49 @@ GAUSS = 1 / math.sqrt(3)
 """Two places so far from the middle of a stretch have its mean, of cubic polynomials."""
 
 
-def _contrast(images: MicrolensImages, field: int, at: float | None) -> float:
-    """Share of the contrast that the veil leaves at a field, of a plane ahead of the tip or of the focal plane."""
+def _contrasts(images: MicrolensImages, at: Number | None) -> Array:
+    """Share of the contrast that the veil leaves at fields, of a plane ahead of the tip or of the focal plane."""
+    shape = (len(images.fields), *(images.camera.shape or (1,)))
     light = images.level * response(images.camera, np.hypot(*images.microlens[:2]))
-    return float(contrast_left(images.camera, at, np.broadcast_to(light, (len(images.fields), 1))[field, 0]))
+    return np.broadcast_to(contrast_left(images.camera, at, np.broadcast_to(light, shape)), shape)
+
+
+def _contrast(images: MicrolensImages, field: int, at: float | None) -> float:
+    """That of one camera at a field."""
+    return float(_contrasts(images, at)[field, 0])
 
 
 class IdealImages(MicrolensImages):
-    """Microlens images of a single design's ideal lens."""
+    """Microlens images of ideal lenses' designs, each with its transfer."""
 
     def transfer(self, field: int, at: float | None) -> FieldTransfer:
-        """MTF at a field, on a plane ahead of the tip or on the focal plane."""
-        camera, shape, openings = self.camera, (len(self.fields), 1), self.openings.at(np.s_[field, 0])
+        """MTF of one camera at a field, on a plane ahead of the tip or on the focal plane."""
+        return self.transfers(field, at, [self.camera])[0]
+
+    def transfers(self, field: int, at: Number | None, each: Sequence[Camera]) -> list[FieldTransfer]:
+        """MTF at a field of each camera of the builds, on a plane ahead of its tip or on its focal plane."""
+        shape, openings = (len(self.fields), len(each)), self.openings.at(np.s_[field])
         part = openings.common()
-        x, y = (float(np.broadcast_to(axis, shape)[field, 0]) for axis in self.microlens[:2])
-        away = math.hypot(x, y)
-        along, across = (float(np.broadcast_to(scale, shape)[field, 0]) for scale in self.scales(at))
-        u, v = part.centroid.tolist()
+        rows = (*self.microlens[:2], *self.scales(at), image_rate(self.camera, at), _contrasts(self, at))
+        numbers = np.stack([np.broadcast_to(row, shape)[field] for row in rows], -1).tolist()
         cuts = part.clipping | (np.arange(openings.total) == 0)
-        return FieldTransfer(
-            camera,
-            openings.some(np.flatnonzero(cuts).tolist()),
-            (u, v) if part.lit else None,
-            float(image_rate(camera, at)),
-            along,
-            across,
-            (x / away, y / away) if away > 1e-12 * float(camera.d) else (1.0, 0.0),
-            _contrast(self, field, at),
-        )
+        transfers = []
+        for k, (camera, (x, y, along, across, rate, contrast)) in enumerate(zip(each, numbers, strict=True)):
+            u, v = part.centroid[k].tolist()
+            away = math.hypot(x, y)
+            transfers.append(
+                FieldTransfer(
+                    camera,
+                    openings.at(k).some(np.flatnonzero(cuts[k]).tolist()),
+                    (u, v) if part.lit[k] else None,
+                    rate,
+                    along,
+                    across,
+                    (x / away, y / away) if away > 1e-12 * float(camera.d) else (1.0, 0.0),
+                    contrast,
+                )
+            )
+        return transfers
 
 
 class DesignImages(LensImages):

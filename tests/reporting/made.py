@@ -30,17 +30,17 @@ def rough_resolution(patch):
 
     Where microlens images are long, the transfer of views takes many times the work of all else.
     """
-    detail, mtf = datasheet._resolution, FieldTransfer.__call__
+    limit, mtf = datasheet._Resolution._limit, FieldTransfer.__call__
 
-    def refocused(row, focal, camera):
-        return detail(replace(row, image="refocused"), focal, camera)
+    def refocused(line, transfer):
+        return limit(replace(line, row=replace(line.row, image="refocused")), transfer)
 
     def polygon(transfer, frequencies, *which):
         some = np.asarray(frequencies)[::12]
         return np.interp(frequencies, some, mtf(transfer, some, *which))
 
     patch.setattr(FieldTransfer, "__call__", polygon)
-    patch.setattr(datasheet, "_resolution", refocused)
+    patch.setattr(datasheet._Resolution, "_limit", refocused)
     patch.setattr(resolution, "COLUMNS", 3)
     patch.setattr(resolution, "ROWS", 3)
 

@@ -48,6 +48,7 @@ from ...theory.field_of_view import focus_ahead
 from ...theory.photometry import full_within, through_filter
 from ...theory.quantities import QUANTITIES, noise_words
 from ...theory.quantity import Listed, Quantity
+from ...theory.resolution import FieldTransfer
 from ...theory.stop_images import MicrolensImages
 from ...tolerancing.metrics import of_cameras
 from ...tolerancing.places import short_name
@@ -102,6 +103,9 @@ UNLIT = "the corner is {}; this is the farthest field on this sheet that is not"
 PARTS, REQUIRED, HEAD = "parts", "Required", "This sheet"
 HALF_PAGE = 520.0
 """Height up to which a drawing leaves room for another on its page [px]."""
+SPECIFIED, RESOLVED = 0.1, 10.0
+"""Share of a calibrated sheet's lines that is done once values are known, and what one of resolution takes more than
+others, about."""
 NONE = "–"
 """Revision or date where none is given."""
 OWN_LIMITS = "The study's limits leave out, and its yield does not count: "
@@ -212,23 +216,28 @@ class CalibrationSpread(NamedTuple):
     """Design whose lengths it knows."""
     lengths: CalibratedLengths
 
-    def deviations(self, rows: Iterable[_SheetLine], build: LengthCovariance | None) -> dict[str, float]:
+    def deviations(
+        self, rows: Iterable[_SheetLine], build: LengthCovariance | None, tell: Share = UNHEARD
+    ) -> dict[str, float]:
         """Standard deviation that a calibration leaves in the lines, by their keys, to first order.
 
-        Where a build's tolerances are known they are what was known before: none is larger than theirs.
+        Where a build's tolerances are known they are what was known before: none is larger than theirs. `tell` hears
+        what share is known.
         """
         design, camera = self.design, Camera.of(self.design)
         known, open_ = self.lengths.after(build)
         covariance = known.plus(open_)
-        left = {
-            line.key: float(
-                covariance.carried(
-                    camera, partial(of_cameras, design, QUANTITIES[line.quantity]) if line.quantity else line.values
-                )
-            )
+        told = [
+            line
             for line in rows
             if line.quantity or not (line.of is None or (design.lens is not None and isinstance(line.of, _Corner)))
-        }
+        ]
+        done = np.cumsum([0.0, *(RESOLVED if isinstance(line.of, _Resolution) else 1.0 for line in told)])
+        left = dict[str, float]()
+        for line, share in zip(told, (done / done[-1]).tolist(), strict=False):
+            tell(share)
+            of = partial(of_cameras, design, QUANTITIES[line.quantity]) if line.quantity else line.values
+            left[line.key] = float(covariance.carried(camera, of))
         return {name: sigma for name, sigma in left.items() if math.isfinite(sigma)}
 
 
@@ -324,7 +333,7 @@ def _lines(
         at = f"{what}, {number(row.at_mm, 4)} mm ahead ({row.plane}), {aside}"
         dark = "" if row.usable_lp_per_mm is not None else "dark or folded" if traced else "dark"
         axial = focal and centre and row.image == "refocused"
-        of = None if axial or dark or traced else partial(_each, partial(_resolution, row, focal))
+        of = None if axial or dark or traced else _Resolution(row, focal)
         limit = "mtf50_lp_per_mm" if row.limited_by == "contrast" else "fold_lp_per_mm"
         remark, own = "" if dark else row.remark, limit if axial else ""
         yield _SheetLine("Resolution", at, row.usable_lp_per_mm, "lp/mm", remark, own, dark, of)
@@ -503,23 +512,33 @@ def _at_distance(quantity: Quantity, at: float | None, factor: float, camera: Ca
     return np.asarray(factor * quantity(camera, at))
 
 
-def _each(value: Callable[[Camera], float], camera: Camera) -> Array:
-    """Value of one build after the other."""
-    return np.array([value(camera.build(k)) for k in np.ndindex(camera.shape)]).reshape(camera.shape)
-
-
-def _resolution(row: Resolved, focal: bool, camera: Camera) -> float:
-    """At the row's distance, or on the build's own focal plane.
+@dataclass(frozen=True)
+class _Resolution:
+    """Resolution at a row's distance, or on each build's own focal plane.
 
     Where sampling limits the row, a build's contrast is looked at there alone: its whole fall takes ten times as long.
     """
-    at = float(focus_ahead(camera)) if focal else row.at_mm
-    transfer = IdealImages(camera, [row.x_ml_mm]).transfer(0, at)
-    fold, half = min(map(transfer.fold, WAYS)), LEVELS[0]
-    if row.limited_by == "sampling" and all(transfer([fold], row.image, way)[0] > half for way in WAYS):
-        return fold
-    ends = [limit for (limit,) in transfer.limits_each_way((half,), row.image)]
-    return math.nan if np.isnan(ends).any() else min(*ends, fold)
+
+    row: Resolved
+    focal: bool
+
+    def _limit(self, transfer: FieldTransfer) -> float:
+        fold, half = min(map(transfer.fold, WAYS)), LEVELS[0]
+        image = self.row.image
+        if self.row.limited_by == "sampling" and all(transfer([fold], image, way)[0] > half for way in WAYS):
+            return fold
+        ends = [limit for (limit,) in transfer.limits_each_way((half,), image)]
+        return math.nan if np.isnan(ends).any() else min(*ends, fold)
+
+    def __call__(self, camera: Camera) -> Array:
+        """Values of builds."""
+        if Camera.build not in camera.worked_out:  # several rows ask for them
+            camera.worked_out[Camera.build] = [camera.build(k) for k in np.ndindex(camera.shape)]
+        images = IdealImages(camera, [self.row.x_ml_mm])
+        transfers = images.transfers(
+            0, focus_ahead(camera) if self.focal else self.row.at_mm, camera.worked_out[Camera.build]
+        )
+        return np.array(list(map(self._limit, transfers)))
 
 
 @dataclass(frozen=True)
@@ -597,7 +616,8 @@ def basis(
     lengths = None if calibration is None else calibration.lengths
     camera = Camera.of(design)
     budget = partial(depth_budget, camera, build=build, calibration=lengths)
-    sheet, sentences = specification(design, at, shown, budget, tell), []
+    end = 1.0 if calibration is None else SPECIFIED
+    sheet, sentences = specification(design, at, shown, budget, part_of(tell, 0.0, end)), []
     budgets = {far: budget(far) for far in (None, *at)}
     required = requirements(shown, camera, budget)
     traced = design.lens is not None  # whose builds are cameras of thin-lens models
@@ -632,7 +652,7 @@ def basis(
     first_look = " Lines that say so take lengths as a first look builds them." if looked is not None else ""
     sentences.append("Lines without one (–) are nominal." if sentences else NOMINAL + first_look)
     sigma = {} if built is None else built.deviations(rows)
-    calibrated = {} if calibration is None else calibration.deviations(rows, build)
+    calibrated = {} if calibration is None else calibration.deviations(rows, build, part_of(tell, end, 1.0))
     # Derivatives promise more than builds show where lengths miss by so much that lines bend, and none of a magnitude
     # about 0, as the direction of view.
     for key in calibrated.keys() & sigma.keys():
