@@ -48,6 +48,11 @@ class Rim:
         return self.outline.reach
 
     @property
+    def round(self) -> bool:
+        """Whether it is a disc that stands upright."""
+        return not (self.leans or self.outline.straight)
+
+    @property
     def behind(self) -> Flags:
         """True of builds where it stands behind the main lens, which shows the scene its image alone."""
         if self.plane is None:

@@ -240,12 +240,6 @@ def room_in_pupil(c: Camera, rim: Rim) -> Array:
     return np.where(beside, room, np.nan)
 
 
-def _room_anywhere(c: Camera, rim: Rim, room: Array) -> Array:
-    """Room that a rim leaves at fields, or where it stands in the FAP's own plane the same at any."""
-    anywhere = room_in_pupil(c, rim)
-    return room if np.isnan(anywhere).all() else np.where(np.isnan(anywhere), room, anywhere)
-
-
 def settled(room: Array, size: Number) -> Array:
     """Room beside a rim of a size, none where rounding alone tells it from none."""
     return np.where(np.abs(room) <= ROUNDING * np.abs(size), 0.0, room)
@@ -488,38 +482,37 @@ class MicrolensImages:
         """
         c, point = self.camera, self._through_fap
         bend = 1.0 - self.microlens[2] / c.f
-        upright = not (c.tilted or c.fap.outline.straight)
-        together = [rim for rim in c.rims[1:] if upright and not (rim.leans or rim.outline.straight)]
-        rooms = [self._least_room(together, bend)] if together else []
-        for rim in (rim for rim in c.rims if all(rim is not other for other in together)):
+        upright = not c.tilted
+        rooms, discs = list[Number](), list[tuple[Number, ...]]()
+        for rim in c.rims:
             on_lens = rim.part == "main_lens"
+            anywhere = room_in_pupil(c, rim) if upright else np.asarray(math.nan)
+            elsewhere = np.isnan(anywhere)
+            if upright and c.fap.round and rim.round and not on_lens and elsewhere.all():
+                discs.append((*c.apparent_pose(rim.part).origin, rim.radius, rim.scale))
+                continue
             crossing = point if on_lens else project(point, self.microlens, bend, c.apparent_pose(rim.part))
             if rim.leans:
                 off = np.hypot(*crossing.ellipse(c.fap.radius)[:2])
                 room = settled(np.asarray(rim.radius - _farthest(crossing, c.fap.radius, np.shape(off))), rim.radius)
             else:
                 room = settled(np.asarray(_room(rim.outline, crossing.image(c.fap.outline))), rim.radius)
-            if not c.tilted:
-                room = _room_anywhere(c, rim, room)
-            rooms.append(times(rim.scale, room))
-        return reduce(np.minimum, rooms)
+            rooms.append(times(rim.scale, np.where(elsewhere, room, anywhere)))
+        return reduce(np.minimum, [*rooms, *([self._least_room(discs, bend)] if discs else [])])
 
-    def _least_room(self, rims: Sequence[Rim], bend: Number) -> Number:
-        """Least room beside round rims where nothing is tilted: the same for all, on a first axis of theirs."""
-        c, axes = self.camera, max(1, *map(np.ndim, (*self.microlens, bend)))
+    def _least_room(self, discs: Sequence[tuple[Number, ...]], bend: Number) -> Number:
+        """Least room beside upright discs by place, radius and scale: all at once, on a first axis of theirs."""
+        axes = max(1, *map(np.ndim, (*self.microlens, bend)))
 
         def stacked(numbers: Iterable[Number]) -> Array:
             row = np.stack(np.broadcast_arrays(*numbers))
             return row.reshape(len(row), *(1,) * (axes + 1 - row.ndim), *row.shape[1:])
 
-        origin = tuple(map(stacked, zip(*(c.apparent_pose(rim.part).origin for rim in rims), strict=True)))
-        pose = Frame((origin[0], origin[1], origin[2]), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-        crossing, radius = project(self._through_fap, self.microlens, bend, pose), stacked(r.radius for r in rims)
-        rooms = settled(np.asarray(_room(ClearAperture(radius), crossing.image(c.fap.outline))), radius)
-        return reduce(
-            np.minimum,
-            (times(rim.scale, _room_anywhere(c, rim, room)) for rim, room in zip(rims, rooms, strict=True)),
-        )
+        x, y, z, radius, scale = map(stacked, zip(*discs, strict=True))
+        pose = Frame((x, y, z), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        crossing = project(self._through_fap, self.microlens, bend, pose)
+        rooms = settled(np.asarray(_room(ClearAperture(radius), crossing.image(self.camera.fap.outline))), radius)
+        return np.asarray(np.min(times(scale, rooms), axis=0))
 
     @cached_property
     def chief(self) -> tuple[Number, Number]:

@@ -67,7 +67,7 @@ def _contrasts(images: MicrolensImages, at: Number | None) -> Array:
 
 
 def _contrast(images: MicrolensImages, field: int, at: float | None) -> float:
-    """That of one camera at a field."""
+    """Share of the contrast that the veil leaves of one camera at a field."""
     return float(_contrasts(images, at)[field, 0])
 
 
