@@ -172,7 +172,7 @@ def rim_field(design: Design, camera: Camera) -> SensorField:
 
     def holds(radius: Array) -> NDArray[np.bool_]:
         circle = SensorField((-radius, -radius), (radius, radius))
-        return np.all([over(camera, at, circle) >= low for over, at, low in asked], axis=0)
+        return np.asarray(np.all([over(camera, at, circle) >= low for over, at, low in asked], axis=0))
 
     seen = holds(far)
     if not asked or not seen.any():
