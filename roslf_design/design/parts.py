@@ -482,9 +482,9 @@ class Light(Part):
     """Veiling light that every pixel gets beside the picture's own, as a share of the full well."""
 
 
-MOST_CONTRAST = 0.3
-"""Contrast of a texture in each octave of detail, at most [rms]: six octaves of it are 0.73 rms together, and one place
-in twelve would be darker than black."""
+OCTAVES, MOST_CONTRAST = 6, 0.3
+"""Octaves of detail of a texture; its contrast in each of them, at most [rms]: 0.73 rms together, where one place in
+twelve would be darker than black."""
 
 
 class DepthSettings(Part):

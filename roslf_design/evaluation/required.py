@@ -33,13 +33,15 @@ from ..theory.depth_budget import (
     depth_budget,
 )
 from ..theory.depth_error import errors_at_fields, expected_error
+from ..theory.disparity_error import roomy, share_full
 from ..theory.focused import has_views, pupil_remedy
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.limits import AT_FIELD, OFF_AXIS, as_design, held_by_builds, limits
+from ..theory.photometry import electrons, exposure
 from ..theory.quantities import NO_LENS_MOVES, QUANTITIES, ROUND_ANGLE, ROUND_RADIUS, quantity_named
 from ..theory.quantity import FEASIBLE, Quantity
 from ..traced.fields import images_of
-from ..words import clauses, length, number, on_side, the, uncertainty
+from ..words import clauses, length, number, on_side, percent, the, uncertainty
 from .fields import place_off_axis
 from .groups import Verdict
 from .remedies import MATCH, Holds, is_matched, reaching
@@ -66,6 +68,10 @@ AS_BUILT = (
 """Remedy of a depth that is held by the lengths as drawn alone."""
 
 
+OF_DEPTH, LEFT_OUT, MOST = ("u_z_mm", "expanded_u_z_mm", "sigma_z_mm"), 0.05, 0.5
+"""Depths that full pixels leave without; shares of the field without depth from which one is met in the rest alone, and
+from which it is not met."""
+CHARGE = "pixel_electrons"
 DETAIL = "detail_lp_per_mm"
 SHARPER = "a better corrected lens, a smaller FAP or a smaller sensor lets more of the field hold it"
 """Remedy of detail that the corner of the field does not show."""
@@ -179,7 +185,7 @@ class Requirement:
         if self.value is not None and math.isfinite(self.value):
             low, high = -math.inf if self.min is None else self.min, math.inf if self.max is None else self.max
             by = max(low - self.value, self.value - high)
-            short = f", missed by {self._with_unit(by)}"
+            short = f", missed by {self._with_unit(by)}" if by > 0 else ""
         return Verdict.of(f"required_{self.quantity}{where}", f"not as required: {text}{short}", self.remedy or WAYS)
 
 
@@ -255,7 +261,7 @@ def requirements(
             remedy = _unseen(shown, asked)
         elif not met and field is not None and quantity.name in REMEDIES:
             remedy = REMEDIES[quantity.name]
-        elif not met and rays is None and not undefined and not quantity.numeric:
+        elif not met and rays is None and not undefined and not quantity.numeric and quantity.name != CHARGE:
             alone = reaching(camera, quantity, at, low, high, others)
             remedy = f"{alone}; {WAYS}" if alone else ""
         elif met and quantity.name == "working_distance_mm" and low is not None and high is not None:
@@ -265,6 +271,15 @@ def requirements(
             remedy = clauses(remedy, MENDED_BY[WARMTH])
         if met and at is not None and quantity.of_views and (blurred := _blurred(camera, at)):
             only, remedy = clauses(only, "where single views blur", by=", "), clauses(remedy, blurred)
+        if met and quantity.name in OF_DEPTH and "depth.disparity_error" not in camera.numbers:
+            lost = share_full(camera, at).field
+            if lost > LEFT_OUT:
+                share = f"pixels are full in about {percent(lost)} of the field, which has no depth"
+                counts, met = clauses(counts, share), lost <= MOST
+                only = clauses(only, "where pixels are not full", by=", ") * met
+                remedy = clauses(_with_room(camera, at), remedy)
+        if quantity.name == CHARGE and not undefined:
+            met, counts, remedy = _of_charge(camera, at, value, low, met)
         if field is not None and not met and not sampled and low is not None and value < low <= middle:
             remedy = SHARPER
         if quantity.of_views and not has_views(camera):
@@ -454,6 +469,35 @@ def _of_depth(budget: DepthBudget, most: float) -> str:
     if largest.name == BUILT and CALIBRATED in [term.name for term in others.terms]:
         way = "the calibration does not see them, tighter tolerances hold them"
     return f"mostly {largest.name}, which `roslf optimize` does not count: {way}{still}"
+
+
+def _with_room(camera: Camera, at: float | None) -> str:
+    """Exposure, or light, that leaves the texture's bright places room in the full well."""
+    return f"{_more_light(camera, roomy(camera) / float(electrons(camera, at)), False)} leaves room"
+
+
+def _more_light(camera: Camera, factor: float, up: bool) -> str:
+    """Exposure and light that are so many times those of the design, by their keys."""
+    key, unit = ("radiance", "W/m^2/sr") if "light.radiance" in camera.numbers else ("illuminance", "lx")
+    time = on_side(1e3 * factor * float(exposure(camera)), up, 4)
+    light = on_side(factor * float(camera[f"light.{key}"]), up, 4)
+    return f'light.exposure = "{time} ms" or light.{key} = "{light} {unit}" ({number(factor, 3)} times as much)'
+
+
+def _of_charge(camera: Camera, at: float | None, value: float, low: float | None, met: bool) -> tuple[bool, str, str]:
+    """Whether electrons of a pixel are as required and fit into it, the reservation, and the remedy."""
+    well = float(camera["sensor.full_well"])
+    holds = f"the full well holds {number(well, 4)}"
+    if low is not None and low >= well:
+        return False, holds, f"no light fills a pixel with {number(low, 4)}: require less, or a larger sensor.full_well"
+    if value > well:
+        needs = ""
+        if low is not None and low > roomy(camera):
+            needs = f"at least {number(low, 4)} with room for bright places asks for a larger sensor.full_well"
+        return False, f"more than fits: {holds}", clauses(_with_room(camera, at), needs)
+    if not met and low is not None and 0 < value < low:
+        return False, "", f"{_more_light(camera, low / value, True)} reaches it; {holds}"
+    return met, "", "" if met else f"{_more_light(camera, roomy(camera) / value, False)} fills half of the well at most"
 
 
 def _sampling(fold: float, at: float | None, low: float) -> str:

@@ -19,12 +19,12 @@ from ..lenses.glass import ROOM
 from ..shapes.lattice import PACKINGS
 from ..theory import tube
 from ..theory.colours import PIXEL_FILTERS
-from ..theory.disparity_error import share_saturated
+from ..theory.disparity_error import roomy, share_full
 from ..theory.f_number import TOUCHING_PX, fill_factor, main_lens_f_number, matched, pupil_f_number
 from ..theory.focused import LEAST_VIEWS, FocusedArray, filtered_views, pupil_remedy
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import outer_slope, sensor_field
-from ..theory.photometry import LARGEST_FILL, accepted, exposure, full_level, response
+from ..theory.photometry import LARGEST_FILL, accepted, electrons, exposure, response
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import FEASIBLE
 from ..theory.stop_images import MicrolensImages
@@ -51,7 +51,9 @@ UNCUT, CUT_IN_IT = "microlens images uncut over the field", "microlens images cu
 SHARP = 0.5
 """Part of the middle's detail that the corner of the field shows from which sharpness holds over the field."""
 TAKEN_LOSS = 0.01
-"""Share of light lost to slanting rays from which it is told."""
+"""Share of light lost to slanting rays, and of pixels that are full, from which it is told."""
+TAKEN_FIELD = 0.05
+"""Share of the field without depth for full pixels from which it is told."""
 WIDEST_PIXEL = 0.05
 """Pixels wider than this are none of a sensor that takes pictures [mm]."""
 USUAL_PIXEL, ALIKE = 3.45e-3, 2.0
@@ -598,8 +600,10 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
                 f"the whole microlens image {100 * (1 - kept):.3g} % is lost there, which makes depth noise about "
                 f"{kept**-0.5:.3g} times as large; {_straighter(camera, kept)}"
             )
-    if math.isfinite(float(fill_factor(camera))) and (full := share_saturated(camera)) > TAKEN_LOSS:
-        room, overlap = float(full_level(camera) * LARGEST_FILL), float(fill_factor(camera)) > 1 + FEASIBLE
+    full = share_full(camera) if math.isfinite(float(fill_factor(camera))) else None
+    if full is not None and (full.pixels > TAKEN_LOSS or full.field > TAKEN_FIELD):
+        overlap = float(fill_factor(camera)) > 1 + FEASIBLE
+        room = roomy(camera) / float(electrons(camera))
         cause, ways = "", "a shorter light.exposure"  # where a veil takes the room
         if room < (LARGEST_FILL if overlap else 1 - FEASIBLE):
             other = ", or none given," * (design.light.measured_at is None)
@@ -608,8 +612,8 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
             cause = ", where light of neighbouring images adds up"
             ways = "images that do not overlap or a shorter exposure"
         yield (
-            f"{percent(full)} of the pixels saturate{cause}: depth noise counts them as telling nothing; {ways} leaves "
-            "room"
+            f"{percent(full.pixels)} of the pixels saturate{cause}: about {percent(full.field)} of the field has no "
+            f"depth, as the texture's bright places fill the well; {ways} leaves room"
         )
     corner = float(sensor_field(camera).radius)
     beyond = float(outer_slope(camera, corner)) / camera.lens.told_to

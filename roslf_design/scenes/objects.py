@@ -24,7 +24,7 @@ from pydantic import (
 )
 
 from ..bore.part import Offset, Part, Size, Tilt
-from ..design.parts import MOST_CONTRAST
+from ..design.parts import MOST_CONTRAST, OCTAVES
 from ..errors import InputError, Problem
 from ..input_files import check_file, read_pixels
 from ..toml_files import KIND
@@ -159,7 +159,7 @@ class Noise(_Told):
         return _noise(self.contrast, self.mean, self.seed)
 
 
-_TILE, _PER_PERIOD, OCTAVES = 2048, 8, 6
+_TILE, _PER_PERIOD = 2048, 8
 """Samples across a tile of noise, and across a period of its finest detail: interpolated, that keeps 95 % of it."""
 
 

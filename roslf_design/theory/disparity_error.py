@@ -29,17 +29,18 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 import numpy as np
 
 from .._arrays import Array, magnitude, ratio
-from ..camera import Camera
+from ..camera import Camera, Number
+from ..design.parts import OCTAVES
 from ..shapes.discs import gauss_legendre
 from ..shapes.lattice import PACKINGS
 from .colours import filters, panchromatic
 from .disparity_information import (
     FULL,
-    FULL_SIGMAS,
     SHARPEST,
     ArrayKind,
     Seen,
@@ -54,7 +55,7 @@ from .disparity_information import (
 from .f_number import fill_factor
 from .image_parts import whole_light
 from .information_series import interpolated_information
-from .photometry import NOTHING, Beside, dark_variance, electrons, through_filter, veil_electrons
+from .photometry import LARGEST_FILL, NOTHING, Beside, dark_variance, electrons, through_filter, veil_electrons
 from .stop_images import MicrolensImages
 
 WIDEST = 8
@@ -67,6 +68,13 @@ DIRECTIONS, OVERLAPPING, FINER = 3, 1.2, 5
 how many then."""
 SEAM = 0.95
 """Share of each bound from which on its nodes give way to the next, so that sigma has slopes there too."""
+FILLED, BY_CHANCE, WITHIN_REACH = 0.98, 3.0, 3
+"""Part of the full well from which a pixel counts as full where depth is measured; standard errors of noise below that
+from which it may be by chance; places of a texture, each as bright as it happens to be, of which none may be full about
+a microlens that has a depth: counted on walls that are simulated at 60 to 90 % of the full well, to 5 % of it."""
+RARE = 2.5
+"""Standard deviations of a texture's brightness above its mean at which the full well may lie: 2 % of the field is
+lost."""
 CELL_PLACES = 16
 """Places along a side of the lattice's cell at which is looked how many pixels are full."""
 
@@ -204,21 +212,50 @@ def _informations(images: MicrolensImages, plane: Seen, waves: Spectrum | None, 
     return np.where(held, information, 0.0).T.reshape(-1, *shape)
 
 
-def share_saturated(c: Camera) -> float:
-    """Share of the pixels on the axis that hold more than the full well, neighbours' light where images overlap too."""
-    images, rise = MicrolensImages(panchromatic(c), [(0.0, 0.0)]), PACKINGS[c.layout].rise
-    lit, room = float(electrons(c)), float(c["sensor.full_well"] - veil_electrons(c))
+def _brightest(c: Camera) -> float:
+    """Electrons of light that a pixel may hold and be believed not to be full."""
+    room, dark = float(FILLED * c["sensor.full_well"] - veil_electrons(c)), float(dark_variance(c) + veil_electrons(c))
+    return room - BY_CHANCE * math.sqrt(room + dark) if room > 0 else 0.0
 
-    def spread(charge: Array | float) -> Array:
-        return np.sqrt(np.maximum(charge, 0.0) + dark_variance(c) + np.square(c["depth.contrast"] * charge))
+
+def roomy(c: Camera) -> float:
+    """Electrons of a scene's mean that leave its bright places room in the full well: half of it at most."""
+    held = _brightest(c) / (1 + RARE * texture_contrast(c))
+    return max(min(held, LARGEST_FILL * float(c["sensor.full_well"])), 0.0)
+
+
+class FullShare(NamedTuple):
+    """Shares that full pixels take of a scene whose brightness scatters as its texture does."""
+
+    pixels: float
+    """Pixels on the axis that hold more than the full well, neighbours' light where images overlap too."""
+    field: float
+    """Microlenses of the field that have no depth for it."""
+
+
+def texture_contrast(c: Camera) -> float:
+    """Rms contrast of the texture's brightness, of all its octaves together."""
+    return float(c["depth.contrast"]) * (1.0 if "depth.period" in c.numbers else math.sqrt(OCTAVES))
+
+
+def share_full(c: Camera, at: Number | None = None) -> FullShare:
+    """Shares of pixels and of the field that are lost to the full well, at a distance ahead of the tip or in focus."""
+    images, rise = MicrolensImages(panchromatic(c), [(0.0, 0.0)]), PACKINGS[c.layout].rise
+    lit, room = float(electrons(c, at)), float(c["sensor.full_well"] - veil_electrons(c))
+    contrast, dark = texture_contrast(c), float(dark_variance(c) + veil_electrons(c))
+
+    def share(charge: Array, most: float) -> Array:
+        light = np.maximum(charge, 0.0)
+        return normal_share((charge - most) / np.sqrt(light + dark + np.square(contrast * light)))
 
     alone = not overlapping(float(fill_factor(c)), rise, images.openings.first_is_disc) > FULL
-    if alone and lit + FULL_SIGMAS * float(spread(lit)) < room:
-        return 0.0
-    places = (np.arange(CELL_PLACES) + 0.5) / CELL_PLACES
-    x, y = places, np.concatenate([places, 1 + places]) * rise  # rows of hexagonal arrays alternate
-    charge = lit * whole_light(images, x, y)
-    return float(normal_share((charge - room) / spread(charge)).mean())
+    charge = np.full((1, 1), lit)
+    if not alone:
+        places = (np.arange(CELL_PLACES) + 0.5) / CELL_PLACES
+        x, y = places, np.concatenate([places, 1 + places]) * rise  # rows of hexagonal arrays alternate
+        charge = lit * whole_light(images, x, y)
+    one = float(share(charge, _brightest(c)).mean())
+    return FullShare(float(share(charge, room).mean()), 1.0 - (1.0 - one) ** WITHIN_REACH)
 
 
 def disparity_sigmas(images: MicrolensImages, plane: Seen, besides: tuple[Beside, ...] = (NOTHING,)) -> Array:

@@ -1,0 +1,109 @@
+"""What full pixels take of the field is told as depth is measured, and continuously."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+import roslf_design as roslf
+from roslf_design.camera import Camera
+from roslf_design.depth.estimate import PixelNoise, estimate_disparity
+from roslf_design.scenes import Noise
+from roslf_design.theory.disparity_error import share_full
+from roslf_design.theory.photometry import electrons, exposure
+from tests.depth.made import disc, exposed
+
+WELL, FINEST = 10_500.0, 3.2
+"""Electrons; samples of a texture's tile a microlens, of which 8 are a period of its finest detail."""
+
+
+@pytest.fixture(scope="module")
+def design():
+    matched = roslf.load("paper")
+    return matched.replace({"aperture.diameter": 0.95 * matched.D_F, "sensor.full_well": WELL})
+
+
+def lit_to(design, level):
+    """The design exposed so that the scene's mean fills so much of the well."""
+    camera = Camera.of(design)
+    return design.replace({"light.exposure": float(exposure(camera)) * level * WELL / float(electrons(camera))})
+
+
+def requiring(design, line):
+    return roslf.loads(f"{roslf.dumps(design)}\n[required]\n{line}\n")
+
+
+@pytest.fixture(scope="module")
+def wall():
+    """Views without noise of a texture of six octaves, whose mean is 1, and the pupil's."""
+    tile = Noise(finest=1.0, contrast=0.1, seed=3).load()
+    seen = ndimage.gaussian_filter(tile / tile.mean(), FINEST / math.sqrt(12), mode="wrap")
+    pupil, inside = disc(5)
+    place = 100 + FINEST * np.arange(160)
+    views = np.zeros((5, 5, 160, 160), np.float32)
+    for t, s in np.argwhere(inside):
+        at = np.meshgrid(place - FINEST * pupil[1, t, s], place - FINEST * pupil[0, t, s], indexing="ij")
+        views[t, s] = ndimage.map_coordinates(seen, at, order=3, mode="grid-wrap")
+    return views, pupil, inside
+
+
+@pytest.mark.parametrize("level", [0.6, 0.7, 0.8, 0.9])
+def test_the_field_lost_to_full_pixels_is_what_depth_loses(design, wall, level):
+    """Simulated walls: the share of full pixels within 0.03, of the field within 0.07 (one tile of coarse detail)."""
+    views, pupil, inside = wall
+    light = np.where(inside, 1.0, 0.0)[..., None, None]
+    field = exposed(views, light, level * WELL, 2.5, 1, WELL)
+    found = estimate_disparity(field, pupil, PixelNoise(level * WELL, 2.5, 0.98 * WELL), search=(-3, 3))
+    told = share_full(Camera.of(lit_to(design, level)))
+    assert told.pixels == pytest.approx(float((views[inside] * level > 1).mean()), abs=0.03)
+    assert told.field == pytest.approx(1 - float(found.measured.mean()), abs=0.07)
+
+
+def test_warning_and_depth_as_required_follow_the_same_share_without_a_jump(design):
+    asked = requiring(design, 'u_z_mm = {max = "50 mm"}')
+    outcomes = []
+    for level in np.linspace(0.5, 1.5, 21):
+        lit = lit_to(asked, level)
+        result, lost = roslf.evaluate(lit), share_full(Camera.of(lit)).field
+        (one,) = result.required
+        assert bool([text for text in result.warnings if "of the field has no depth" in text]) is (lost > 0.05)
+        assert one.met is (lost <= 0.5)
+        assert ("where pixels are not full" in one.only) is (0.05 < lost <= 0.5)
+        assert "missed by -" not in one.verdict.text
+        outcomes.append(lost)
+    assert outcomes[0] < 0.01
+    assert outcomes[-1] > 0.99
+    assert (np.diff(outcomes) >= 0).all()
+    assert np.diff(outcomes).max() < 0.3
+
+
+def electrons_asked(design, low, level):
+    lit = requiring(lit_to(design, level), f"pixel_electrons = {{min = {low}}}")
+    (one,) = roslf.evaluate(lit).required
+    return lit, one
+
+
+def test_electrons_that_no_pixel_holds_are_not_as_required(design):
+    lit, one = electrons_asked(design, 4000, 1.93)
+    assert not one.met
+    assert "the full well holds 10500" in one.verdict.text
+    (time,) = re.findall(r'light.exposure = "([\d.]+) ms"', one.verdict.remedy)
+    mended = lit.replace({"light.exposure": 1e-3 * float(time)})
+    assert roslf.evaluate(mended).required[0].met
+    assert not roslf.evaluate(mended).warnings
+    _, beyond = electrons_asked(design, 20_000, 0.5)
+    assert not beyond.met
+    assert "larger sensor.full_well" in beyond.verdict.remedy
+
+
+def test_too_few_electrons_ask_for_more_exposure_or_light_first(design):
+    """Either of the two that the remedy names reaches what is required."""
+    lit, one = electrons_asked(design, 4000, 0.1)
+    assert not one.met
+    assert one.remedy.startswith("light.exposure = ")
+    assert "d_2" not in one.remedy
+    ((time, light),) = re.findall(r'light.exposure = "(\S+) ms" or light.illuminance = "(\S+) lx"', one.remedy)
+    for changes in ({"light.exposure": 1e-3 * float(time)}, {"light.illuminance": float(light)}):
+        assert roslf.evaluate(lit.replace(changes)).required[0].met
