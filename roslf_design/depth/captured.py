@@ -120,6 +120,7 @@ class MeasuredCapture(Measurement):
             "microlenses": [self.true.shape[1], self.true.shape[0]],
             "window": first.disparities.window,
             "searched_pitches": list(first.disparities.search),
+            "tip_mm": first.geometry.tip if isinstance(first.geometry, ArrayGeometry) else None,
             "noise": {
                 "electrons": noise.electrons,
                 "read_noise": noise.read_noise,

@@ -145,6 +145,10 @@ class ViewGeometry(Protocol):
         """Unit of `places`."""
 
     @property
+    def tip(self) -> float:
+        """Depth of the bore's tip; 0 where depths count from what is foremost."""
+
+    @property
     def window(self) -> int:
         """Microlenses, or pixels of views, that are matched together."""
 
@@ -184,6 +188,11 @@ class ArrayGeometry:
     def camera(self) -> Camera:
         """Camera to first order; errors as of `first_order`."""
         return first_order(self.design)
+
+    @property
+    def tip(self) -> float:
+        """Z of the bore's tip [mm]."""
+        return float(self.camera.tip)
 
     @property
     def window(self) -> int:
@@ -294,6 +303,7 @@ class GridGeometry:
     """Where it is known how the cameras stood: depths from them [mm]; else disparities from view to view [px]."""
     window: int = 7
     place_unit: Unit = "px"
+    tip: float = 0.0
 
     @property
     def unit(self) -> Unit:

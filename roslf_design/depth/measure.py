@@ -346,6 +346,7 @@ class Trial(Measurement):
             "region_px": list(self.region),
             "microlenses": [self.true.shape[1], self.true.shape[0]],
             "searched_pitches": list(first.disparities.search),
+            "tip_mm": first.geometry.tip,
             "summary": plain(self.summary()) | {"unknown": self.unknown()},
             "saturated": self.saturated,
             "aliased": self.aliased,
@@ -644,6 +645,8 @@ def sampled(depths: Depths, true: Array, most: int) -> Iterator[dict[str, Any]]:
         point: dict[str, Any] = {"x_ml_mm": place if on_array else None}
         if unit == "mm":
             point |= {"true_mm": truth, "depth_mm": float(depths.depth[at]), "sigma_mm": float(sigma[at])}
+            if on_array:
+                point["ahead_of_tip_mm"] = float(depths.depth[at]) - depths.geometry.tip
         else:
             point |= {"true_mm": None, "depth_mm": None, "sigma_mm": None, "true_disparity_px": truth}
             point |= {"disparity_px": float(depths.depth[at]), "sigma_disparity_px": float(sigma[at])}

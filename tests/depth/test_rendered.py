@@ -11,9 +11,10 @@ from roslf_design.effects import Budget, Plan
 from roslf_design.imaging.files import write_image
 from roslf_design.imaging.trace import RaySampling
 from roslf_design.reporting.depth.captured import capture_answers, capture_basis
+from roslf_design.reporting.depth.pages import measurement_pictures, statements
 from roslf_design.scenes import Noise as Texture
 from roslf_design.scenes import Plane, Scene, make_scene
-from roslf_design.words import number
+from roslf_design.words import length, number
 
 REGION = (2100, 1420, 420, 200)
 """32 x 15 microlenses of the paper's camera."""
@@ -96,3 +97,32 @@ def test_a_budget_by_hand_and_scenes_without_noise_are_sampled_as_before():
         tolerance = options.get("budget", Budget()).intensity
         same = roslf.render("paper", step(), region=part, sampling=RaySampling(tolerance=tolerance), **options)
         assert image.pixels.tobytes() == same.pixels.tobytes()
+
+
+def test_distances_are_told_ahead_of_the_tip_and_from_the_lens(folder):
+    found = roslf.capture_depth(folder / "raw.tif", white=folder / "white.tif", design="paper")
+    tip = 120.0  # the FAP is the foremost opening of the paper's camera
+    near, far = np.quantile(found.first.depth[found.first.measured], (0.01, 0.99))
+    words = str(capture_answers(found))
+    assert f"between {near - tip:.4g} and {far - tip:.4g} mm ahead of the tip" in words
+    assert f" ({near:.5g} and {far:.5g} mm from the main lens)" in words
+    told = found.to_dict()
+    assert told["tip_mm"] == tip
+    assert all(one["ahead_of_tip_mm"] == pytest.approx(one["depth_mm"] - tip) for one in told["points"])
+    drawn = measurement_pictures(found)
+    assert "ahead of the tip [mm]" in drawn["map"].svg()
+    assert "ahead of the tip [mm]" in drawn["profile"].svg()
+    assert "from lens" not in drawn["map"].svg()
+
+
+def test_a_field_of_a_few_patches_is_not_drawn_and_other_textures_are_named_where_numbers_are_compared():
+    trial = roslf.measure_depth("paper", region=(2240, 1480, 110, 110), rays=8)
+    assert "over the field" not in measurement_pictures(trial)["errors"].svg()
+    (text,) = (line.text for line in statements(trial) if line.text.startswith("Is it as predicted?"))
+    design, texture = roslf.load("paper"), trial.scene.objects[0].texture
+    own = roslf.Camera.of(design)
+    here = roslf.Camera.of(trial.texture)
+    noise = roslf.quantity("sigma_z_mm")
+    assert f"{float(noise(own)):.2g} mm in the middle" in text
+    assert f"makes it {float(noise(here)):.2g} mm" in text
+    assert f"finer than {length(texture.finest)}" in text

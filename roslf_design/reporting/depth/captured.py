@@ -13,7 +13,7 @@ from ...depth.measure import Depths, Flatness
 from ...drawing.picture import Picture
 from ...words import length, listed, number, percent, sentence
 from ..blocks import Block, Bullets, Code, Figure, Report, Statement, Statements, Table
-from .pages import errors_right, known, measurement_report, optics_notes, places
+from .pages import distances, errors_right, known, measurement_report, optics_notes, places
 
 CAPTIONS = {
     "map": (
@@ -74,9 +74,9 @@ def _capture_statements(measured: MeasuredCapture) -> Iterator[Statement]:
     if some.any():
         values, sigma = run.depth[some], run.sigma[some]
         near, middle, far = (float(at) for at in np.quantile(values, (0.01, 0.5, 0.99)))
-        side = " from the main lens" if run.geometry.place_unit == "mm" else ""
-        text = f"How far away? {what} from {near:.5g} to {far:.5g} {unit}{side}, half of them below"
-        yield Statement("plain", f"{text} {middle:.5g} {unit}.")
+        tip = run.geometry.tip
+        text = f"How far away? {what} between {distances(run.geometry, near, far)}, half of them below"
+        yield Statement("plain", f"{text} {middle - tip:.{4 if tip else 5}g} {unit}{' ahead of it' if tip else ''}.")
         text = f"How sure is each? To {float(np.median(sigma)):.2g} {unit} (one standard error, of the middle one)"
         if run.calibration_sigma is None:
             yield Statement("plain", f"{text}, from its light, texture and matching.")

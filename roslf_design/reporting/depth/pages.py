@@ -51,8 +51,8 @@ FIGURES = {
     "errors": (
         "Errors against prediction",
         "Left: errors in units of the standard error reported with each. Wider than the normal law: errors reported "
-        "are too small. Right: rms error around places of the field over what was predicted there, bias included; in a "
-        "small part of the sensor each dot is only a few windows, and scatters.",
+        "are too small. Right, where enough of the field was looked at: rms error around places of the field over what "
+        "was predicted there, bias included; in a small part of the sensor each dot is a few windows, and scatters.",
     ),
     "dense": (
         "Dense: filled where unknown",
@@ -113,9 +113,8 @@ def answers(trial: Trial) -> tuple[Block, ...]:
 def _what(trial: Trial) -> str:
     run, count = trial.first, len(trial.runs)
     known = run.depth[run.measured]
-    tip = float(Camera.of(trial.raw.design).tip)
-    lens = f"mm from the main lens ({number(tip, 4)} mm of it up to the tip)"
-    between = f", between {known.min():.5g} and {known.max():.5g} {lens}" if known.size else ""
+    ends = [known.min(), known.max()] if known.size else []
+    between = f", between {distances(run.geometry, *ends)}" if ends else ""
     wrong = trial.believed is not trial.raw.design
     other = f" Depth is computed for another camera, {trial.believed.name}." if wrong else ""
     times, alike = ("one exposure", "") if count == 1 else (f"{count} exposures", ", which differ by noise alone")
@@ -123,6 +122,16 @@ def _what(trial: Trial) -> str:
         f"The camera took {times} of {trial.scene.name or 'the scene'}{alike}; depth was measured in each, and "
         f"compared with the truth{between}.{other}"
     )
+
+
+def distances(geometry: ViewGeometry, low: float, high: float) -> str:
+    """Two depths in words: ahead of the tip where that is not the main lens, and from that as maps have them."""
+    tip, lens = geometry.tip, f" {geometry.unit}"
+    if geometry.place_unit == "mm":
+        lens = f"{lens} from the main lens"
+    if not tip:
+        return f"{low:.5g} and {high:.5g}{lens}"
+    return f"{low - tip:.4g} and {high - tip:.4g} mm ahead of the tip ({low:.5g} and {high:.5g}{lens})"
 
 
 def statements(trial: Trial) -> Iterator[Statement]:
@@ -168,7 +177,7 @@ def statements(trial: Trial) -> Iterator[Statement]:
     else:
         ratio, room = spread / summary.predicted_mm, math.sqrt(2 / windows)
         off = not NEAR[0] * (1 - room) <= ratio <= NEAR[1] * (1 + room)
-        text = _as_predicted(spread, summary.predicted_mm, summary.told_mm)
+        text = f"{_as_predicted(spread, summary.predicted_mm, summary.told_mm)}{_other_texture(trial)}"
         yield _judged(text, windows, NEAR[0] <= ratio <= NEAR[1], ("caution", _believe(trial, ratio)) if off else None)
     inside, room = summary.inside_68, 2 * math.sqrt(0.68 * 0.32 / windows)
     text = (
@@ -338,6 +347,21 @@ def basis(trial: Trial) -> tuple[Block, ...]:
     if trial.believed is not trial.raw.design:
         notes[1] = "Depth is computed for another camera than the one that took the pictures: what that costs is shown."
     return Table(tuple(rows), "lll", ("", "", ""), "Light, sensor, texture, matching"), Bullets(tuple(notes))
+
+
+def _other_texture(trial: Trial) -> str:
+    """Why a scatter as predicted is not what `roslf evaluate` expects; empty where textures make no difference."""
+    given = trial.assumes()
+    if given["texture"] != "the scene's" or "exposure_s" not in given:
+        return ""
+    own, seen = (Camera.of(one.thin_twin) for one in (trial.raw.design, trial.texture))
+    bound, here = (float(QUANTITIES["sigma_z_mm"](camera)) for camera in (own, seen))
+    if not 0 < bound < math.inf or NEAR[0] <= here / bound <= 1 / NEAR[0]:
+        return ""
+    return (
+        f" roslf evaluate expects other noise, {_mm(bound)} in the middle of the focal plane, for the design's texture:"
+        f" this scene's, with no detail finer than {length(float(seen['depth.finest']))}, makes it {_mm(here)} there."
+    )
 
 
 def _beside_evaluate(design: Design, texture: Design) -> str:

@@ -35,6 +35,8 @@ LINES = 14
 """Fitted lines drawn on it."""
 FITTED = "#ff9a3c"
 """Colour of fitted lines, on grey in any theme."""
+LEAST_DOTS = 4
+"""Patches of the field from which their errors are drawn against those predicted: fewer show no field."""
 REACH = 4.0
 """Standard errors that a histogram shows; what is beyond counts at its ends."""
 
@@ -64,7 +66,7 @@ def _depth_map(trial: Measurement, reasons: dict[int, str]) -> Picture:
     marks = [Image(np.where(status == code, 1.0, np.nan), box, UNKNOWN[code]) for code in codes]
     pictures, words = [], _Words.of(run)
     for title, values, label in (
-        (words.quantity, depth, words.symbol), ("its standard error", sigma, f"σ [{words.unit}]"),
+        (words.quantity, depth - words.tip, words.symbol), ("its standard error", sigma, f"σ [{words.unit}]"),
     ):  # fmt: skip
         some = values[known]
         low, high = (0.0, 1.0) if not some.size else (float(q) for q in np.quantile(some, (0.005, 0.995)))
@@ -87,7 +89,7 @@ def _depth_map(trial: Measurement, reasons: dict[int, str]) -> Picture:
 def _dense_map(trial: Measurement) -> Picture:
     """Draw depth everywhere, hatched where it was filled in from known places."""
     run, words, (box, turn) = trial.first, _Words.of(trial.first), _box(trial.first)
-    values, known = run.dense[turn], run.measured[turn]
+    values, known = run.dense[turn] - words.tip, run.measured[turn]
     some = values[np.isfinite(values)]
     low, high = (float(q) for q in np.quantile(some, (0.005, 0.995))) if some.size else (0.0, 1.0)
     high = max(high, low + 1e-6 * max(abs(low), 1e-6))
@@ -123,6 +125,8 @@ class _Words(NamedTuple):
     unit: str
     symbol: str
     place: str
+    tip: float = 0.0
+    """What is taken off depths that are drawn: they count ahead of the tip."""
 
     @classmethod
     def of(cls, run: Depths) -> _Words:
@@ -130,14 +134,15 @@ class _Words(NamedTuple):
         place = "microlens x on the array [mm]" if on_array else "x from the middle of the view [px]"
         if run.geometry.unit == "px":
             return cls("disparity", "px", "from view to view [px]", place)
-        return cls("depth", "mm", "Z from lens [mm]", place)
+        tip = run.geometry.tip
+        return cls("depth", "mm", "ahead of the tip [mm]" if tip else "Z from lens [mm]", place, tip)
 
 
 def profile(trial: Measurement, size: Point = (PAGE, 440.0)) -> Picture:
     """Draw depth along the middle row, with the truth as far as it is known; below, what it is off by, or its error."""
-    run, row = trial.first, trial.true.shape[0] // 2
-    x, true, known, words = run.x_ml[row, :, 0], trial.true[row], run.measured[row], _Words.of(run)
-    depth = np.where(known, run.depth[row], np.nan)
+    run, row, words = trial.first, trial.true.shape[0] // 2, _Words.of(trial.first)
+    x, true, known = run.x_ml[row, :, 0], trial.true[row] - words.tip, run.measured[row]
+    depth = np.where(known, run.depth[row] - words.tip, np.nan)
     across = _along(x)
     dot, compared = 1.5 if x.size > 100 else 3.0, bool(np.isfinite(true).any())
     sigma = np.where(known, run.sigma[row], np.nan)
@@ -252,8 +257,10 @@ def _errors(trial: Measurement) -> Picture:
     if trial.prediction is None:
         return beside("depth-errors", "Errors against the errors reported", (histogram,))
     predicted, off = _by_place(trial, trial.prediction)
+    if predicted.size < LEAST_DOTS:
+        return beside("depth-errors", "Errors against the errors reported", (histogram,))
     ends = np.concatenate([predicted, off])
-    scale = Scale(float(ends.min()) / 1.25, float(ends.max()) * 1.25, log=True) if ends.size else Scale(0.1, 1, True)
+    scale = Scale(float(ends.min()) / 1.25, float(ends.max()) * 1.25, log=True)
     diagonal = np.array([scale.low, scale.high])
     lines = (
         Line(diagonal, diagonal, "ink", 1.2), Line(diagonal, 1.3 * diagonal, "grey", 1.2, "6 4"),
