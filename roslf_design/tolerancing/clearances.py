@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,9 @@ from numpy.typing import NDArray
 from .._arrays import Array
 from .draws import Perturbation
 from .metrics import faults_of
+from .places import nominal_values
 from .study import TolerancePlan
+from .trials import ALONG
 
 HALF = 0.5
 """Share of a clearance above which a tolerance is told: two parts that miss by it towards each other meet."""
@@ -56,5 +59,26 @@ def tight_clearances(plan: TolerancePlan) -> tuple[_TightClearance, ...]:
 
 
 def _faults(plan: TolerancePlan, deviations: Array) -> NDArray[np.bool_]:
-    """Faults, shape (faults, builds), of builds at deviations in units of the tolerances."""
-    return np.array(list(faults_of(plan.question, plan.draws.values(deviations), deviations.shape[1]).values()))
+    """Faults, shape (faults, builds), of builds at deviations in units of the tolerances.
+
+    None of a build that is a camera somewhere along the way of a part that is adjusted on each.
+    """
+    values = plan.draws.values(deviations)
+    faults = _faults_at(plan, values, deviations.shape[1])
+    nominal = nominal_values(plan.question.design)
+    for adjuster in plan.adjusters:
+        lost = np.flatnonzero(faults.any(axis=0))
+        if not lost.size:
+            break
+        here = nominal[adjuster.place]
+        moved = np.repeat(min(adjuster.reach, HALF * abs(here)) * ALONG, lost.size)
+        tried = {place: np.tile(numbers[lost], ALONG.size) for place, numbers in values.items()}
+        tried[adjuster.place] = tried.get(adjuster.place, here) + moved
+        mended = (~_faults_at(plan, tried, moved.size).any(axis=0)).reshape(ALONG.size, -1).any(axis=0)
+        faults[:, lost[mended]] = False
+    return faults
+
+
+def _faults_at(plan: TolerancePlan, values: Mapping[str, Array], builds: int) -> NDArray[np.bool_]:
+    """Faults, shape (faults, builds), at numbers of builds."""
+    return np.array(list(faults_of(plan.question, values, builds).values()))

@@ -432,6 +432,20 @@ def test_clearances_are_told_of_groups_as_their_members_are_off_together():
     )
 
 
+def test_a_focus_that_an_adjuster_brings_back_is_not_told_as_lost():
+    """A tolerance that takes the focus beyond infinity was called too wide of builds that are focused."""
+    scope, place, tolerance = load("cystoscope"), "elements.0.focal_length", 0.01
+    data = {"name": "focus", "design": "x", "trials": 64, "goals": [{"metric": "fill_factor", "min": 0.1}]}
+    data |= {"perturb": [{"place": place, "tolerance": f"{100 * tolerance} %"}]}
+    assert "in focus beyond infinity once lens 1 focal length" in clearance_words(tolerance_plan(data, scope)[0])
+    nominal = scope.elements[0].focal_length
+    off = {sign * 2 * tolerance: (1 + sign * 2 * tolerance) * nominal for sign in (-1, 1)}
+    known = [scope.replace({place: f, "d_f": scope.d_f}).d_1 - scope.d_1 for f in off.values()]  # where it is in focus
+    for reach, told in ((2 * max(map(abs, known)), False), (1e-6, True)):
+        adjusted = {"compensators": [{"place": "microlens_array.distance", "range": f"{reach} mm"}]}
+        assert ("beyond infinity" in clearance_words(tolerance_plan(data | adjusted, scope)[0])) == told
+
+
 def test_parts_that_touch_are_told_as_such():
     """They were told to collide "once off by 0.000745 nm", where a search by halves ended."""
     said = two_plates(0.0, {"place": "elements.0.distance", "tolerance": "0.1 mm"})
