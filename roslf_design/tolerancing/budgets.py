@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import compress
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from ..progress import UNHEARD, Share, part_of
 from .draws import Draws
 from .places import GradeLine, Grades, expand, nominal_values, parse_tolerance, perturbable
 from .study import CALIBRATION, Adjuster, Study, TolerancePlan
-from .trials import holding, measure_finally
+from .trials import BLOCK, holding, measure_finally
 from .yields import (
     DEAR,
     EARLIEST,
@@ -46,6 +47,8 @@ MOST_HELPING = 8
 """Parts among which several steps are looked for where builds are dear."""
 HALVINGS = 12
 """Number of halvings in a bisection: it ends at 1/4096 of the tolerance."""
+SCREENED = 0.5
+"""Share of a search of single changes that is done once it is known of which parts a perfect one suffices, about."""
 SINGLE, SEVERAL = 0.5, 0.8
 """Shares of a search that are done after single changes and after several, about."""
 LOST_ROOM = 1e9
@@ -236,6 +239,22 @@ class _Aim(NamedTuple):
                 return False
         return True
 
+    def held_by_each(self, changed: Sequence[_Builds], tell: Share = UNHEARD) -> list[bool]:
+        """Whether each of several changes of one study holds it: builds of many are measured together."""
+        if not changed:
+            return []
+        plan, left = changed[0].plan, np.arange(len(changed))
+        failed, factors = np.zeros(len(changed), int), np.stack([builds.factors for builds in changed])
+        draws, start = first_draws(plan.draws, self.trials), self.trials // EARLIEST
+        for first, some in ((0.0, draws[:, :start]), (0.5, draws[:, start:])):  # the first of them tell in most cases
+            for at in range(0, len(left), each := max(1, BLOCK // max(some.shape[1], 1))):
+                tell(first + 0.5 * at / len(left))
+                rows = left[at : at + each]
+                deviations = (factors[rows].T[:, :, None] * some[:, None]).reshape(len(some), -1)
+                failed[rows] += (~holding(plan, deviations)).reshape(len(rows), -1).sum(axis=1)
+            left = left[failed[left] <= self.trials - self.passed]
+        return np.isin(np.arange(len(changed)), left).tolist()
+
 
 def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[_CostedPart, ...]:
     """Parts that a shop makes, from a study's perturbations; a tolerance of zero is none."""
@@ -340,10 +359,10 @@ def _single(
 ) -> Iterator[tuple[Change, _Builds]]:
     """Changes of one thing alone that reach the target."""
     aim = _Aim.at(target, trials)
-    for index, part in enumerate(parts):
-        tell(index / len(parts))
-        if not aim.held_by(now.with_part(part, 0.0)):
-            continue  # not even a perfect one
+    helping = aim.held_by_each([now.with_part(part, 0.0) for part in parts], part_of(tell, 0.0, SCREENED))
+    perfect = list(compress(parts, helping))  # of the others not even a perfect one suffices
+    for index, part in enumerate(perfect):
+        tell(SCREENED + (1 - SCREENED) * index / len(perfect))
         for name, width in zip(grades.names, part.widths, strict=True) if part.line else ():
             if width < part.tolerance:
                 step, better = (part.place, name, width), now.with_part(part, width)

@@ -366,7 +366,8 @@ class Compensator:
 
         Never worse: a step that does not lower a trial's residual is halved once, then refused for that trial.
         """
-        moved = moved.copy()
+        moved, columns = moved.copy(), columns.copy()
+        whole = self.limited.columns == self.plan.question.columns  # nothing is left to be measured in the end
         residual = self.residual(columns)
         start = _cost(residual)
         cost = start.copy()
@@ -389,11 +390,14 @@ class Compensator:
             trying = np.arange(going.size)
             for fraction in (1.0, 0.5):
                 tried = (1 - fraction) * here[:, trying] + fraction * end[:, trying]
-                remaining = self.left({place: numbers[trying] for place, numbers in some.items()}, tried)
+                reached = self.reached({place: numbers[trying] for place, numbers in some.items()}, tried)
+                remaining = self.left_in(reached)
                 lower = _cost(remaining)
                 better = lower < cost[going[trying]]
                 at = going[trying[better]]
                 moved[:, at], residual[:, at], cost[at] = tried[:, better], remaining[:, better], lower[better]
+                if whole:
+                    columns[:, at] = reached[:, better]
                 trying = trying[~better]
                 if not trying.size:
                     break
@@ -403,17 +407,23 @@ class Compensator:
             if not going.size:
                 break
         changed = np.flatnonzero(cost < start)
-        columns = columns.copy()
-        if changed.size:
+        if changed.size and not whole:
             some = {place: numbers[changed] for place, numbers in values.items()}
             columns[:, changed] = self.measured(some, moved[:, changed])
         return moved, columns
 
     def left(self, values: Mapping[str, Array], moved: Array) -> Array:
         """Residual of builds so adjusted."""
-        trials, plan = moved.shape[1], self.plan
-        columns = _in_blocks(self.limited, self.applied(values, moved), trials, calibrated=plan.calibrated)
-        return (plan.judged(columns[self.rows], self.columns) - self.aim) * self.weights
+        return self.left_in(self.reached(values, moved))
+
+    def reached(self, values: Mapping[str, Array], moved: Array) -> Array:
+        """Limited metrics' columns of builds so adjusted."""
+        applied = self.applied(values, moved)
+        return _in_blocks(self.limited, applied, moved.shape[1], calibrated=self.plan.calibrated)
+
+    def left_in(self, reached: Array) -> Array:
+        """Residual of these columns."""
+        return (self.plan.judged(reached[self.rows], self.columns) - self.aim) * self.weights
 
     def left_of_all(self, values: Mapping[str, Array], moved: Array) -> Array:
         """`left` of builds in each of K adjustments at once, (adjusters, K, trials): shape (K, columns, trials)."""
