@@ -50,7 +50,7 @@ from .theory.quantities import quantity_named
 from .theory.quantity import Quantity
 from .tolerancing.result import StudyResult, analyse
 from .tolerancing.run import tally_chunk
-from .tolerancing.study import RunOptions
+from .tolerancing.study import Only, RunOptions
 from .tolerancing.tally import merged
 
 STUDY = 'a study file, which names its design: design = "mine.toml"'
@@ -210,7 +210,9 @@ def capture_depth(image: str | Path, **options: Any) -> MeasuredCapture:
     return captured(path_of(image, "image", PICTURES), CaptureOptions.of(**options))
 
 
-def tolerance(study: str | Path, *, trials: int | None = None, seed: int | None = None) -> StudyResult:
+def tolerance(
+    study: str | Path, *, trials: int | None = None, seed: int | None = None, only: Only | None = None
+) -> StudyResult:
     """Run a tolerance study in this process: yield, sensitivities, Monte Carlo, inverse tolerances, adjustments.
 
     Parameters
@@ -219,6 +221,8 @@ def tolerance(study: str | Path, *, trials: int | None = None, seed: int | None 
         A study file.
     trials, seed : int, optional
         Instead of the study's; the same seed gives the same numbers.
+    only : {"yield"}, optional
+        The yield without the searches behind it, which take most of the time.
 
     Returns
     -------
@@ -236,7 +240,7 @@ def tolerance(study: str | Path, *, trials: int | None = None, seed: int | None 
     >>> result = roslf.tolerance("studies/tolerance-scope/study.toml", trials=1024)  # doctest: +SKIP
     >>> result.final.result.value  # doctest: +SKIP
     """
-    plan, description, grades = RunOptions.of(trials=trials, seed=seed).plan(path_of(study, "study", STUDY))
+    plan, description, grades = RunOptions.of(trials=trials, seed=seed, only=only).plan(path_of(study, "study", STUDY))
     return analyse(plan, description, grades, merged(tally_chunk(plan, index) for index in range(plan.chunks)))
 
 

@@ -66,7 +66,7 @@ class _Log:
     """
 
     def __init__(self) -> None:
-        self._last = self._began = time.monotonic()
+        self._last = self._began = self._told = time.monotonic()
         self._first, self._step, self._over = 0.0, "", threading.Event()
         self._done, self._total = 0.0, 0.0
 
@@ -91,15 +91,17 @@ class _Log:
             return f" ... {COMPILING}; {about_time(now - self._began)} so far"
         if not self._first < self._done < self._total:
             return f" ... {about_time(now - self._began)} so far"
-        seconds = (now - self._began) * (self._total - self._done) / (self._done - self._first)
-        return f": {self._done / self._total:.0%}, about {about_time(seconds)} left"
+        seconds = (self._told - self._began) * (self._total - self._done) / (self._done - self._first)
+        if seconds < now - self._told:  # what is under way takes longer than all before it lets expect
+            return f": {self._done / self._total:.0%}, {about_time(now - self._began)} so far"
+        return f": {self._done / self._total:.0%}, about {about_time(seconds - (now - self._told))} left"
 
     def tell(self, step: str, done: float = 0.0, total: float = 0.0) -> None:
         """Say it where the last line is long ago."""
         now = time.monotonic()
         if step != self._step:
             self._began, self._first = now, done
-        self._step, self._done, self._total = step, done, total
+        self._step, self._done, self._total, self._told = step, done, total, now
         if now - self._last < LOGGED or (total and not self._first < done < total):
             return
         self._last = now

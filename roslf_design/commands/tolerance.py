@@ -129,7 +129,7 @@ def tolerance(
         result = analyse(plan, description, grades, tally, save_worst(plan, tally, output), progress=tell)
         seconds = time.perf_counter() - started
         result = replace(result, precision=precision(plan, tally, result.final, accuracy, seconds))
-        command = typed("tolerance", study, trials=plan.trials, seed=plan.draws.seed, output=output)
+        command = typed("tolerance", study, trials=plan.trials, seed=plan.draws.seed, only=options.only, output=output)
         tell("page and pictures")
         files = {
             "results.json": f"{_lines(result.to_dict())}\n".encode(),

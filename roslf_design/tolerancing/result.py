@@ -67,6 +67,8 @@ SIGMAS = 2.0
 """Width of an error bound in standard errors: a share is off by more in at most 5 % of runs."""
 PARTS, LEAST = 20, 10
 """Parts of the kept trials whose scatter is measured, and trials of each at least."""
+INVERTED, INVERTED_ADJUSTED = 60, 240
+"""Builds that count for one perturbation's inverse sensitivity, by the time it takes."""
 SUMMED = 40
 """Builds near nominal, where series tell depth errors and detail, in the time of one far off, by limit on such."""
 ROUNDING = 1e-12
@@ -357,6 +359,8 @@ def _within_reach(allowed: Allowed, p: Perturbation, kind: str) -> Allowed:
 
 def sobol_samples(plan: TolerancePlan, study: Study) -> int:
     """Base samples of a study's Sobol indices; unless given, no more than `MOST_DEAR` builds where these are dear."""
+    if study.only is not None:
+        return 0
     if not plan.dear or "sobol_samples" in study.model_fields_set:
         return study.sobol_samples
     return min(study.sobol_samples, 1 << int(math.log2(max(MOST_DEAR / (len(plan.draws.factors) + 2), 1))))
@@ -368,10 +372,14 @@ BUDGET = 6
 
 def builds_of_analyses(plan: TolerancePlan, study: Study, grades: Grades, budgets: bool = True) -> tuple[int, ...]:
     """Builds that each step of `analyse` takes, about; one whose depth errors are summed anew counts for many."""
-    count, at_once, holds = len(plan.draws.perturbations), curve_trials(plan), not plan.nominal_misses()
-    graded = (len(grades.names) - 1) * at_once * bool(study.grade)
-    summed = 0 if plan.dear else SUMMED * sum(plan.columns[limit.column].quantity.numeric for limit in plan.limits)
-    sobol, inverse = sobol_samples(plan, study) * (count + 2), 60 * count * holds * (1 + summed)
+    count, at_once = len(plan.draws.perturbations), curve_trials(plan)
+    holds = not plan.nominal_misses() and study.only is None
+    graded = (len(grades.names) - 1) * at_once * bool(study.grade and study.only is None)
+    asked = [plan.columns[limit.column].quantity for limit in plan.limits]
+    summed = 0 if plan.dear else SUMMED * sum(one.numeric and one.of_views for one in asked)
+    # Where builds are adjusted few of them take as long as many: of each step the few that its next ones may ask for.
+    steps = (INVERTED_ADJUSTED if plan.adjusters else INVERTED) * count
+    sobol, inverse = sobol_samples(plan, study) * (count + 2), steps * holds * (1 + summed)
     searched = 40 * searched_builds(plan) * (holds and budgets)
     return 0, 4 * count, 6 * at_once, 8 * at_once, sobol, inverse, searched, graded
 
@@ -392,7 +400,8 @@ def analyse(
     """
     count, at_once = len(plan.draws.perturbations), curve_trials(plan)
     misses, samples = plan.nominal_misses(), sobol_samples(plan, study)
-    costs, budgets = builds_of_analyses(plan, study, grades, budgets), budgets and not misses
+    searched = not misses and study.only is None
+    costs, budgets = builds_of_analyses(plan, study, grades, budgets), budgets and searched
     ends = (np.cumsum(costs) / sum(costs)).tolist()
     shares = iter(ends)
 
@@ -417,7 +426,7 @@ def analyse(
     sobol = sobol_indices(plan, samples) if samples else None
     tell()
     kinds = perturbable(plan.question.design)
-    alone = zip(() if misses else inverse_sensitivity(plan, share), plan.draws.perturbations, strict=False)
+    alone = zip(inverse_sensitivity(plan, share) if searched else (), plan.draws.perturbations, strict=False)
     allowed = tuple(_within_reach(one, p, kinds[p.place]) for one, p in alone)
     tell()
     saved = (
@@ -460,7 +469,7 @@ def _grades(plan: TolerancePlan, study: Study, grades: Grades, given: Yield) -> 
         other = make_plan(study.model_copy(update={"grade": name}), plan.question.design, grades)
         return yield_at(other, 1.0, curve_trials(plan))
 
-    return tuple((name, yield_of(name)) for name in (grades.names if study.grade else ()))
+    return tuple((name, yield_of(name)) for name in (grades.names if study.grade and study.only is None else ()))
 
 
 def lengths_left_out(plan: TolerancePlan, built: LengthCovariance) -> str:

@@ -55,6 +55,8 @@ from .ideal import bore_end
 from .metrics import DISTANT, METRICS, SHAPES, Column, Question, evaluate_builds, faults_of, mount_of, share_by_rays
 from .places import LENSLETS, SHIPPED, Grades, expand, load_grades, nominal_values, tolerance_at
 
+Only = Literal["yield"]
+"""Analyses of a study that are asked for alone."""
 CALIBRATION = "calibration"
 """Name of the compensator that teaches the decoder each build instead of moving a part."""
 OWN = "this study"
@@ -256,6 +258,9 @@ class Study(StrictTable):
     sobol_samples: Annotated[int, Field(ge=0, le=2**22)] = 1024
     """Base samples of the Sobol indices, a power of two; 0: none. Unless given, fewer where depth is limited behind a
     real lens: 10,000 builds at most."""
+    only: Only | None = None
+    """"yield": the yield of all trials and what one factor on all tolerances makes of it, sooner; nothing of what takes
+    most of the time, as single tolerances, indices, other grades and changes that reach the target."""
     quantiles: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
     keep_trials: Annotated[int, Field(ge=0, le=10**7)] = 10_000
     """How many of the first trials are written out one by one."""
@@ -528,16 +533,19 @@ class RunOptions(Options):
     accuracy: float | None = None
     """Instead of a number of trials: what shares of builds (the yield, those below a quantile) may be off by, as 0.005
     (in 95 % of runs). 0.001 takes a million trials."""
+    only: Only | None = None
+    """Instead of the study's: yield, without the searches behind it for single tolerances, indices, other grades and
+    changes that reach the target, which take most of the time. Given again without it and with resume, they follow."""
 
     def plan(self, path: str | Path) -> tuple[TolerancePlan, Study, Grades]:
         """Study of a file, resolved; errors as of `load_plan`."""
-        return load_plan(path, trials=self.trials, seed=self.seed)
+        return load_plan(path, trials=self.trials, seed=self.seed, only=self.only)
 
 
 def load_plan(
-    path: str | Path, *, trials: int | None = None, seed: int | None = None
+    path: str | Path, *, trials: int | None = None, seed: int | None = None, only: Only | None = None
 ) -> tuple[TolerancePlan, Study, Grades]:
-    """Read a study file and resolve it; `trials` and `seed` override the file's.
+    """Read a study file and resolve it; `trials`, `seed` and `only` override the file's.
 
     Raises
     ------
@@ -548,7 +556,7 @@ def load_plan(
     data = read_toml(path, str(path))
     expect_kind(data, "tolerance", str(path))
     study, design, grades = read_study(data, path.parent, str(path))
-    changes = {"trials": trials, "seed": seed}
+    changes = {"trials": trials, "seed": seed, "only": only}
     study = study.model_copy(update={key: value for key, value in changes.items() if value is not None})
     return make_plan(study, design, grades, str(path)).defined(str(path)), study, grades
 

@@ -10,7 +10,8 @@ import time
 import pytest
 
 from roslf_design.cli import main
-from roslf_design.commands.terminal import StatusLine, bar, status_and_bars, tell_cost, typed
+from roslf_design.commands.terminal import StatusLine, _Log, bar, status_and_bars, tell_cost, typed
+from roslf_design.words import about_time
 from tests.reporting.made import few_builds, few_waves
 
 
@@ -145,7 +146,7 @@ def test_a_log_says_that_a_step_goes_on_which_tells_nothing_itself(monkeypatch):
 
 @pytest.mark.parametrize(
     ("compiling", "says"),
-    [(False, r"depth: 25%, about .* left\n"), (True, r"depth \.\.\. compiling, once on this machine; .* so far\n")],
+    [(False, r"depth: 25%, .* so far\n"), (True, r"depth \.\.\. compiling, once on this machine; .* so far\n")],
 )
 def test_a_log_says_what_is_left_of_a_step_that_is_silent_for_long(monkeypatch, compiling, says):
     shown = io.StringIO()
@@ -159,6 +160,19 @@ def test_a_log_says_what_is_left_of_a_step_that_is_silent_for_long(monkeypatch, 
         while len(shown.getvalue()) == before and time.monotonic() < until:
             time.sleep(0.05)
     assert re.fullmatch(says, shown.getvalue()[before:])
+
+
+def test_time_left_shrinks_while_a_step_is_silent_and_never_grows(monkeypatch):
+    """It grew: by what the wait itself lets expect of what was done before it."""
+    clock = [0.0]
+    monkeypatch.setattr("roslf_design.commands.terminal.time.monotonic", lambda: clock[0])
+    log = _Log()
+    for clock[0], done in ((0.0, 0.0), (60.0, 0.25)):
+        log.tell("depth", done, 1.0)
+    assert [log._how_far(now) for now in (60.0, 120.0, 239.0)] == [
+        f": 25%, about {about_time(left)} left" for left in (180.0, 120.0, 1.0)
+    ]
+    assert log._how_far(300.0) == f": 25%, {about_time(300.0)} so far"
 
 
 def test_a_bar_that_nothing_is_told_yet_says_that_loops_are_compiled(monkeypatch):

@@ -12,6 +12,7 @@ from roslf_design.design import PATHS, load
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.draws import sobol_points
 from roslf_design.tolerancing.metrics import METRICS, Question, evaluate_builds
+from roslf_design.tolerancing.result import analyse, builds_of_analyses
 from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.sensitivities import (
     inverse_sensitivity,
@@ -19,7 +20,7 @@ from roslf_design.tolerancing.sensitivities import (
     sensitivity,
     sobol_indices,
 )
-from roslf_design.tolerancing.study import plan_from
+from roslf_design.tolerancing.study import plan_from, tolerance_plan
 from roslf_design.tolerancing.summaries import correlations, summarise
 from roslf_design.tolerancing.trials import Compensator, measure, one_trial
 from roslf_design.tolerancing.yields import FRESH, Yield, least_passed, promised, scale_for_yield, yield_at
@@ -55,6 +56,23 @@ def test_linear_response_rss_equals_monte_carlo():
     levels = stats.norm.ppf(p)
     errors = np.sqrt(p * (1 - p) / tally.trials) / stats.norm.pdf(levels)
     assert (np.abs(np.array(column.quantiles) / rss[0] - levels) < 4 * errors + 0.01 * np.abs(levels)).all()
+
+
+def test_the_yield_alone_is_that_of_the_whole_study():
+    """What is searched behind it is left out, as the file or the caller says; nothing else answers otherwise."""
+    file = {"name": "known", "design": "paper", "perturb": [D_2], "trials": 512, "grade": "precision"}
+    file |= {"sobol_samples": 64, "goals": [{"metric": "fill_factor", "min": 0.97, "max": 1.03}]}
+    whole, alone = (tolerance_plan(file | more) for more in ({}, {"only": "yield"}))
+    assert whole[0].digest() == alone[0].digest()  # the same trials, so that the rest may follow
+    tally = tally_chunk(whole[0], 0)
+    (plan, study, grades), result = alone, analyse(*alone, tally)
+    every = analyse(*whole, tally)
+    assert result.final == every.final
+    assert (result.yield_curve, result.scale_for_target) == (every.yield_curve, every.scale_for_target)
+    assert (result.sobol, result.allowed, result.budget, result.grades) == (None, (), None, ())
+    assert every.allowed
+    assert every.grades
+    assert 2 * sum(builds_of_analyses(plan, study, grades)) < sum(builds_of_analyses(*whole))
 
 
 @pytest.mark.parametrize("rho", [0.5, 0.9, 1.0])
