@@ -475,7 +475,7 @@ def simulate(
     options, believed = options or PictureOptions(), believed or design
     geometry, actual = ArrayGeometry(believed), ArrayGeometry(design)
     camera, part = actual.camera, options.part(design)
-    scene = default_scene(design) if scene is None else scene
+    scene = default_scene(design) if scene is None else scene.seen_by(design)
     framed = Framed.of(design, scene, part)
     wide = framed.wide.drawn()
     lattice = lattice_of(camera, wide)

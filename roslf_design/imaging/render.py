@@ -158,7 +158,7 @@ def render(
     sampling = sampling or RaySampling(tolerance=max(budget.intensity, 1e-4), seed=seed)
     core = None if inner is None else Region.checked(Camera.of(design), inner)
     count = threads or os.cpu_count() or 1
-    scenes, whites = _scenes(design, scene), list[tuple[ColourFilter | None, _Job]]()
+    scenes, whites = _scenes(design, scene.seen_by(design)), list[tuple[ColourFilter | None, _Job]]()
     if by_noise and scene.surfaces and scene.brightness > 0:
         mean = {"objects": (White(level=scene.brightness),), "background": 0.0}
         even = [(one, each.model_copy(update=mean)) for one, each in scenes]

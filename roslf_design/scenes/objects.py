@@ -1,7 +1,7 @@
 """Objects that may stand in object space, and the textures on them.
 
-Positions are (x, y) [mm] off the axis and distances Z from the main lens [mm]. A texture gives the radiance over a
-surface's own coordinates (u, v) [mm]; 1 is fully lit white.
+Positions are (x, y) [mm] off the axis and distances Z from the main lens, or ahead of the bore's tip [mm]. A texture
+gives the radiance over a surface's own coordinates (u, v) [mm]; 1 is fully lit white.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import functools
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -198,6 +198,23 @@ TEXTURES: dict[str, type[Part]] = {
 """Kinds of texture by the name that a file gives them."""
 
 
+class _Placed(_Told):
+    """Object that stands at a distance."""
+
+    measured_from: Literal["main lens", "tip"] = "main lens"
+    """Zero of its distances Z: the main lens, or the bore's tip, ahead of which they then count."""
+
+    def seen_from(self, tip: float) -> Self:
+        """Object with distances from the main lens, of a bore whose tip is `tip` from that [mm]."""
+        if self.measured_from == "main lens":
+            return self
+        return self.model_copy(update={"measured_from": "main lens", **self._shifted(tip)})
+
+    def _shifted(self, by: float) -> dict[str, Any]:
+        """Distances that are `by` longer [mm]."""
+        raise NotImplementedError
+
+
 class White(_Told):
     """A uniform field that fills the view at every distance."""
 
@@ -206,7 +223,7 @@ class White(_Told):
     """Radiance."""
 
 
-class Plane(_Told):
+class Plane(_Placed):
     """A plane at any pose, unbounded or a rectangle; seen from both sides."""
 
     kind: Literal["plane"] = "plane"
@@ -225,10 +242,15 @@ class Plane(_Told):
     def _faces_the_lens(self) -> Plane:
         if math.cos(self.tilt[0]) * math.cos(self.tilt[1]) < 0.01:
             raise ValueError(f"tilt {self.tilt} rad shows the plane's edge to the lens; keep it below 89 degrees")
+        if self.distance is None and self.measured_from != "main lens":
+            raise ValueError(f'measured_from = "{self.measured_from}" measures no distance; give one, or leave it out')
         return self
 
+    def _shifted(self, by: float) -> dict[str, Any]:
+        return {"distance": (self.distance or 0.0) + by}
 
-class Points(_Told):
+
+class Points(_Placed):
     """Point sources."""
 
     kind: Literal["points"] = "points"
@@ -237,8 +259,11 @@ class Points(_Told):
     flux: Annotated[float, Field(gt=0, le=MOST_LIGHT)] = 1.0
     """Light of one that the FAP takes in: the sum over all pixels, where 1 is a fully lit one."""
 
+    def _shifted(self, by: float) -> dict[str, Any]:
+        return {"positions": tuple((x, y, z + by) for x, y, z in self.positions)}
 
-class Sphere(_Told):
+
+class Sphere(_Placed):
     """An opaque sphere seen from outside; texture over (longitude, latitude) times radius, (0, 0) facing the lens."""
 
     kind: Literal["sphere"] = "sphere"
@@ -251,8 +276,11 @@ class Sphere(_Told):
     texture: Texture = Uniform()
     """Texture over the sphere's surface."""
 
+    def _shifted(self, by: float) -> dict[str, Any]:
+        return {"distance": self.distance + by}
 
-class Tube(_Told):
+
+class Tube(_Placed):
     """The inside of a tube along the axis (a lumen); texture over (arc length around, Z)."""
 
     kind: Literal["tube"] = "tube"
@@ -272,6 +300,9 @@ class Tube(_Told):
         if self.end <= self.start:
             raise ValueError(f"end {self.end:g} mm is not beyond start {self.start:g} mm; the far end comes second")
         return self
+
+    def _shifted(self, by: float) -> dict[str, Any]:
+        return {"start": self.start + by, "end": self.end + by}
 
 
 Object = Annotated[White | Plane | Points | Sphere | Tube, Field(discriminator="kind")]

@@ -112,6 +112,14 @@ class Scene(Part):
         """Scene in equal parts of light at some wavelengths [mm]."""
         return self.model_copy(update={"light": self.light.model_copy(update={"wavelengths": wavelengths})})
 
+    def seen_by(self, design: Design) -> Scene:
+        """Scene whose distances all count from a design's main lens."""
+        if all(isinstance(thing, White) or thing.measured_from == "main lens" for thing in self.objects):
+            return self
+        tip = float(Camera.of(design).tip)
+        placed = tuple(thing if isinstance(thing, White) else thing.seen_from(tip) for thing in self.objects)
+        return self.model_copy(update={"objects": placed})
+
     def brief(self, design: Design) -> SceneBrief:
         """The scene in the few numbers that effects need; called by `effects.plan`.
 
@@ -122,7 +130,8 @@ class Scene(Part):
         """
         self.check(design)
         details = [detail(thing) for thing in self.objects]
-        reach = [z for thing in self.objects for z in depths(thing, design.d_f, *chief_ray_limits(design))]
+        placed = self.seen_by(design).objects
+        reach = [z for thing in placed for z in depths(thing, design.d_f, *chief_ray_limits(design))]
         in_focus = all(abs(z - design.d_f) <= 1e-9 * design.d_f for z in reach)
         in_focus &= not (reach and Camera.of(design).mapping.bends)
         return SceneBrief(
@@ -178,7 +187,7 @@ def chief_ray_limits(design: Design) -> tuple[float, float]:
 
 def _misplaced(scene: Scene, design: Design) -> Iterator[Problem]:
     mouth = float(Camera.of(design).tip)
-    for number, thing in enumerate(scene.objects):
+    for number, thing in enumerate(scene.seen_by(design).objects):
         reach = list(depths(thing, design.d_f, *chief_ray_limits(design)))
         if not reach:
             continue

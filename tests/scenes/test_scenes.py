@@ -5,6 +5,7 @@ from PIL import Image
 from roslf_design.design import load
 from roslf_design.design.parts import MicrolensArray
 from roslf_design.errors import InputError
+from roslf_design.imaging.render import render
 from roslf_design.imaging.surfaces import encode, met
 from roslf_design.scenes import (
     Checkerboard,
@@ -220,3 +221,38 @@ def test_values_that_make_no_scene_are_told_in_one_line_each_however_they_are_gi
     for part, key in ((Plane, "distance"), (SceneLight, "exposure"), (MicrolensArray, "pitch")):
         with pytest.raises(InputError, match=rf"{key}x: is not a known key; did you mean '{key}'\?"):
             part(**{key: 1.0, f"{key}x": 1.0})
+
+
+def test_distances_ahead_of_the_tip_are_those_from_the_lens_less_the_bore():
+    text = FULL.replace('kind = "white"', 'kind = "plane"')
+    scene = make_scene(parse_toml(text, ""), from_file=True)
+    ahead = text
+    for length, from_tip in (("35 cm", "23 cm"), ("300 mm", "180 mm"), ("200 mm", "80 mm"), ("400 mm", "280 mm")):
+        ahead = ahead.replace(f'"{length}"', f'"{from_tip}"')  # the tip of the paper's camera lies at 120 mm
+    for kind in ("plane", "sphere", "points", "tube"):
+        ahead = ahead.replace(f'kind = "{kind}"', f'kind = "{kind}"\nmeasured_from = "tip"', 1)
+    placed = make_scene(parse_toml(ahead, ""), from_file=True)
+    assert placed.objects != scene.objects
+    assert placed.seen_by(PAPER) == scene
+    assert placed.brief(PAPER) == scene.brief(PAPER)
+    with pytest.raises(SceneError, match="behind the bore's mouth at 120 mm"):
+        Scene(objects=(Tube(start=80.0, end=300.0, radius=10.0),)).brief(PAPER)
+    Scene(objects=(Tube(start=80.0, end=300.0, radius=10.0, measured_from="tip"),)).brief(PAPER)
+
+
+def test_a_zero_of_distances_that_is_none_or_measures_none_is_refused():
+    (line,) = faults('[[objects]]\nkind = "sphere"\ndistance = "9 mm"\nradius = "1 mm"\nmeasured_from = "tipp"')
+    assert line.startswith("s.toml: objects.0.measured_from: ")
+    assert "'tip'" in line
+    (line,) = faults('[[objects]]\nkind = "plane"\nmeasured_from = "tip"')
+    assert "measures no distance; give one, or leave it out" in line
+
+
+def test_pictures_of_a_scene_ahead_of_the_tip_are_the_same_and_hold_it_as_given():
+    ball = {"kind": "sphere", "radius": 10.0, "texture": {"kind": "checkerboard", "period": 4.0}}
+    scenes = [make_scene({"objects": [ball | own]}) for own in (
+        {"distance": 340.0}, {"distance": 220.0, "measured_from": "tip"})]  # fmt: skip
+    lens, tip = (render(PAPER, scene, region=(2290, 1530, 16, 16)) for scene in scenes)
+    assert lens.pixels.tobytes() == tip.pixels.tobytes()
+    assert tip.metadata()["scene"]["objects"][0]["measured_from"] == "tip"
+    assert tip.metadata()["scene"]["objects"][0]["distance"] == "220 mm"
