@@ -42,7 +42,7 @@ def test_json_tells_points_summary_and_assumptions(written):
     assert {"electrons", "contrast", "views", "window", "sigma_disparity_pitches"} <= set(data["assumes"])
     assert 0 < len(data["points"]) <= 2000
     for point in data["points"]:
-        parts = {"sigma_noise_mm", "sigma_calibration_mm", "u_mm"}
+        parts = {"sigma_noise_mm", "sigma_calibration_mm", "u_mm", "ahead_of_tip_mm"}
         assert set(point) == {"x_ml_mm", "true_mm", "depth_mm", "sigma_mm"} | parts
         assert point["sigma_calibration_mm"] is None
         assert point["u_mm"] == point["sigma_mm"] == point["sigma_noise_mm"]

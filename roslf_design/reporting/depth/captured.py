@@ -115,12 +115,12 @@ def _capture_statements(measured: MeasuredCapture) -> Iterator[Statement]:
         )
         yield Statement("plain", text)
     if measured.noise.times != 1.0:
-        noise = measured.noise
-        text = f"Is the noise as believed? It is {noise.times:.2g} times as believed, as views show everywhere"
+        found = measured.noise
+        text = f"Is the noise as believed? It is {found.times:.2g} times as believed, as views show everywhere"
         remedy = "say in [sensor] and [light] what the camera has"
-        if noise.by_sampling:
+        if found.by_sampling:
             text += (
-                f": rays that the picture was rendered with leave up to {percent(noise.sampling)} of a fully lit pixel"
+                f": rays that the picture was rendered with leave up to {percent(found.sampling)} of a fully lit pixel"
             )
             remedy = "render without --budget-intensity and --accuracy, or with less: rays then stay below the noise"
         yield Statement("caution", f"{text}.", f"Errors reported are for it; {remedy}.")
