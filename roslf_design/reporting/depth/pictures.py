@@ -126,7 +126,7 @@ class _Words(NamedTuple):
     symbol: str
     place: str
     tip: float = 0.0
-    """What is taken off depths that are drawn: they count ahead of the tip."""
+    """Z of the tip, ahead of which depths that are drawn count [mm]."""
 
     @classmethod
     def of(cls, run: Depths) -> _Words:
