@@ -21,6 +21,7 @@ from ..errors import InputError, Problem
 from ..evaluation import evaluate
 from ..imaging.camera import Region
 from ..imaging.render import RawImage
+from ..imaging.sampling import rays_for
 from ..imaging.surfaces import seen_distances
 from ..json_data import plain
 from ..progress import part_of
@@ -46,7 +47,6 @@ from .pictures import (
     default_scene,
     lattice_of,
     light_on,
-    rays_for,
 )
 from .traced_views import TracedViews
 from .unmixing import places_on_array

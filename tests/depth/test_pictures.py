@@ -5,10 +5,11 @@ import pytest
 
 from roslf_design.camera import Camera
 from roslf_design.depth.measure import simulate
-from roslf_design.depth.pictures import Framed, PictureOptions, Unexposed, Work, default_scene, rays_for
+from roslf_design.depth.pictures import Framed, PictureOptions, Unexposed, Work, default_scene
 from roslf_design.design import load, preset_names
 from roslf_design.imaging import sampling, trace
 from roslf_design.imaging.camera import Region
+from roslf_design.imaging.sampling import rays_for
 from roslf_design.reporting.depth.pages import ENOUGH
 from roslf_design.scenes import Scene
 from roslf_design.theory.photometry import electrons
