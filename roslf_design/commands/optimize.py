@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ..accuracy.statement import check_accuracy
@@ -62,7 +66,7 @@ def optimize(
     posed = load_study(study, seed, accuracy)
     check_options(folder=output, title=posed.table.name)
     check_study(output, posed.table.name, study)
-    with status_and_bars("optimize") as tell:
+    with status_and_bars("optimize") as tell, _ended_like_ctrl_c():
         try:
             result = run(posed, tell, lambda found: write_files(output, _designs(found)))
         except InputError as error:
@@ -82,6 +86,19 @@ def optimize(
     print_titled(report.title, report.sections[0].blocks)
     say(f"\n{result.seconds:.1f} s; written to {output}: {', '.join(listed(files))}")
     return code
+
+
+@contextmanager
+def _ended_like_ctrl_c() -> Iterator[None]:
+    """SIGTERM, which ends a job whose time is over, taken for Ctrl-C: the best so far is written."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _designs(result: Result) -> dict[str, bytes]:

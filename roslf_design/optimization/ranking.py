@@ -267,12 +267,14 @@ class _Ranker:
         def thoroughly(problem: DesignProblem, start: Array, reach: float) -> Search:
             return searched(problem, start, self.budget.at_least(1000, 10.0), tolerance=problem.finest, reach=reach)
 
-        polished = []
+        polished, halted = [], self.budget.halted.is_set()
         for ranked in [each for each in self.best if each.search.merit < self.threshold]:
             problem, best, _ = settled(ranked.problem, ranked.search.unit, FEASIBLE, thoroughly)
             polished.append(Ranked(ranked.number, best, problem))
             if not best.feasible:
                 self.reasons[ranked.number] = _missed(problem, best)
+            if self.budget.halted.is_set() > halted:  # meanwhile: all stay as they are
+                return
         self.best = sorted((one for one in polished if one.search.feasible), key=_order)[: self.keep]
         if polished and not self.best:
             self.nearest = min(polished, key=lambda one: one.search.violation)
@@ -299,6 +301,7 @@ def rank(
         ranker.polish()
     except KeyboardInterrupt:
         stopped = True
+    stopped = stopped or budget.halted.is_set()
     ranker.clear()
     optimised, left = int(ranker.done.sum()), ranker.left
     conflict, listed = None, {ranked.number for ranked in ranker.best}

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from threading import Event
 from typing import Any, Literal
 
 import numpy as np
@@ -121,6 +122,8 @@ class SearchBudget:
     """On the monotonic clock [s], where somebody asked for one."""
     each: int = 0
     """Evaluations that each design counts for besides, those for derivatives too: 0 where they take no time."""
+    halted: Event = field(default_factory=Event)
+    """Set where somebody has enough of it; of all parts of a budget one."""
 
     @classmethod
     def of(cls, evaluations: float, seconds: float | None, each: int = 0) -> SearchBudget:
@@ -141,12 +144,12 @@ class SearchBudget:
         try:
             tell(what, done, total)
         except EnoughError:
-            self.deadline = -math.inf
+            self.halted.set()
 
     @property
     def ended(self) -> Ended:
         """Budget that ran out first; "" where more may be tried."""
-        if self.deadline == -math.inf:
+        if self.halted.is_set():
             return "stopped"
         if self.evaluations <= 0:
             return "evaluations"
@@ -155,12 +158,23 @@ class SearchBudget:
     def at_most(self, evaluations: int, designs: int = 1) -> SearchBudget:
         """Budget of a search that tries so many points at most, its start among them, each by so many designs."""
         left = self.evaluations / max(self.each * designs, 1)
-        return SearchBudget(min(left, evaluations - 1), self.deadline)
+        return SearchBudget(min(left, evaluations - 1), self.deadline, halted=self.halted)
 
     def at_least(self, evaluations: float, seconds: float) -> SearchBudget:
         """Budget with at least so much left."""
         deadline = max(self.deadline, time.monotonic() + seconds)
-        return replace(self, evaluations=max(self.evaluations, evaluations), deadline=deadline)
+        halted = Event() if self.halted.is_set() else self.halted
+        return replace(self, evaluations=max(self.evaluations, evaluations), deadline=deadline, halted=halted)
+
+    @contextmanager
+    def interruptible(self) -> Iterator[None]:
+        """Work that Ctrl-C ends, with the best so far: as who has enough of it does. A second one ends all."""
+        try:
+            yield
+        except KeyboardInterrupt:
+            if self.halted.is_set():
+                raise
+            self.halted.set()
 
 
 def followed(rows: Vector, tell: Callable[[float, float], None], most: int) -> Vector:
@@ -512,19 +526,20 @@ def search(
     polish = tolerance <= FTOL
     guard = Guard(vector, budget or SearchBudget(), always, limits, roughly=not polish)
     begin = _inside(np.nan_to_num(np.asarray(start, float), nan=0.5))
-    slsqp(guard, begin, evaluations, tolerance)
-    if not (guard.feasible or guard.budget.ended):
-        starts = [begin] if guard.unit is None else [guard.unit, begin][: 2 if polish else 1]
-        unit, _ = least_violation(guard, starts, evaluations=evaluations)
-        if guard.feasible:
-            slsqp(guard, unit, evaluations, tolerance)
-    for _ in range(4 if polish else 0):
-        before = guard.merit
-        if guard.unit is None or not guard.feasible or guard.budget.ended:
-            break
-        slsqp(guard, guard.unit, evaluations)
-        if before - guard.merit <= 1e-12 * max(1.0, abs(before)):
-            break
+    with guard.budget.interruptible():
+        slsqp(guard, begin, evaluations, tolerance)
+        if not (guard.feasible or guard.budget.ended):
+            starts = [begin] if guard.unit is None else [guard.unit, begin][: 2 if polish else 1]
+            unit, _ = least_violation(guard, starts, evaluations=evaluations)
+            if guard.feasible:
+                slsqp(guard, unit, evaluations, tolerance)
+        for _ in range(4 if polish else 0):
+            before = guard.merit
+            if guard.unit is None or not guard.feasible or guard.budget.ended:
+                break
+            slsqp(guard, guard.unit, evaluations)
+            if before - guard.merit <= 1e-12 * max(1.0, abs(before)):
+                break
     unit, merit, violation = _on_limits(guard, begin)
     clipped = bool((np.asarray(start) != begin).any())
     return Search(unit, merit, violation, guard.evaluations, guard.mapped, clipped)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from operator import itemgetter
@@ -485,11 +486,14 @@ def _solve(
     evaluations = min(settings.evaluations, AROUND * problem.n) if problem.told_at else settings.evaluations
     tolerance = max(settings.tolerance, SETTLED / 10 if problem.told_at else problem.finest)
     polish = partial(searched, problem, budget=budget, evaluations=evaluations, tolerance=tolerance)
+    # What it tells of the time left is of the searches alone.
+    searching = "searches, then a check" if settings.check or settings.isres else "searches"
     for number, start in enumerate(starts, 1):
-        budget.heard(tell, "searches", number - 1, len(starts))
+        budget.heard(tell, searching, number - 1, len(starts))
         if searches and budget.ended:
             break
-        searches.append(polish(start))
+        with budget.interruptible() if searches else nullcontext():
+            searches.append(polish(start))
     best = min(searches, key=lambda s: (not s.feasible, s.merit if s.feasible else s.violation))
     checks: list[Check] = []
     wanted: dict[Global, bool] = {"crs2": settings.check, "isres": settings.isres}
@@ -499,8 +503,14 @@ def _solve(
         what = "checking by a global search" if name == "crs2" else "checking by a second global search"
         rows, heard = budget.counting(problem.vector), partial(budget.heard, tell, what)
         guard = Guard(followed(rows, heard, _most_checked(problem)), budget)
-        checks.append(_check(problem, name, guard, best, settings.seed, polish))
-        other = checks[-1].polished
+        check: Check | None = None
+        with budget.interruptible():
+            check = _check(problem, name, guard, best, settings.seed, polish)
+        if check is None or budget.ended == "stopped":  # unfinished it tells nothing, but the best that it met counts
+            other = judged(problem, replace(best, unit=best.unit if guard.unit is None else guard.unit))
+        else:
+            checks.append(check)
+            other = check.polished
         if other.feasible and (not best.feasible or best.merit - other.merit > settings.agree):
             best = other
     gained, conflict = 0.0, None

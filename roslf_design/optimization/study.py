@@ -345,6 +345,7 @@ class Result(BriefValue):
     """Retraces of the best combinations of parts, in their order."""
     seconds: float
     robust_stopped: bool = False
+    search_stopped: bool = False
 
     def __str__(self) -> str:
         answer = self.answer
@@ -373,6 +374,7 @@ class Result(BriefValue):
         answer = self.answer
         title, source = answer.asked.name, f"roslf optimize, from {answer.problem.design.name}"
         name, kind = ("best.toml", "optimised") if answer.feasible else ("least-violating.toml", "least-violating")
+        kind += ", best so far" if answer.ended == "stopped" else ""
         try:
             yield name, answer.problem.design_at(answer.unit, titled(title, kind)).replace({"source": source})
         except InputError:
@@ -402,7 +404,7 @@ class Result(BriefValue):
     @property
     def stopped(self) -> bool:
         """Whether it was ended early, with what it had found."""
-        return self.robust_stopped or (self.ranking is not None and self.ranking.stopped)
+        return self.search_stopped or self.robust_stopped or (self.ranking is not None and self.ranking.stopped)
 
     def to_dict(self, *, timings: bool = True) -> dict[str, Any]:
         """One JSON object, what is not finite null; without timings the same bytes every time."""
@@ -476,16 +478,19 @@ def run(study: OptimizeStudy, tell: Tell = silent, keep: Callable[[Result], obje
     else:
         posed, answer = problem, solve_by_rays(problem, settings, tell)
         problem = answer.asked
-    if answer.feasible and table.pareto is not None:
+    going = answer.ended != "stopped"  # who has enough of the search waits for nothing after it
+    if going and answer.feasible and table.pareto is not None:
         goals = [next(goal for goal in problem.goals if goal.quantity.name == name) for name in table.pareto.goals]
-        front = pareto_front(problem, goals, table.pareto.points, [answer.unit], settings.fresh(), settings.seed, tell)
-    if answer.feasible and table.robust is not None and scatter is not None:
+        budget = settings.fresh()
+        front = pareto_front(problem, goals, table.pareto.points, [answer.unit], budget, settings.seed, tell)
+        going = budget.ended != "stopped"
+    if going and answer.feasible and table.robust is not None and scatter is not None:
         keep(Result(study, answer, bore, front, None, None, None, (), time.monotonic() - began))
         try:
             robust = maximise_robustness(problem, table.robust, scatter, answer.unit, settings.fresh(), tell)
         except KeyboardInterrupt:
             stopped = True
-    if table.catalogue is not None and not stopped:
+    if going and table.catalogue is not None and not stopped:
         ranking = rank(
             combinations(posed), table.catalogue.keep, settings.fresh(), settings.seed, tell, settings.starts
         )
@@ -500,7 +505,9 @@ def run(study: OptimizeStudy, tell: Tell = silent, keep: Callable[[Result], obje
         ]
         part_retraces = [trace for trace in again if trace is not None]
     seconds = time.monotonic() - began
-    return Result(study, answer, bore, front, robust, ranking, retrace, tuple(part_retraces), seconds, stopped)
+    return Result(
+        study, answer, bore, front, robust, ranking, retrace, tuple(part_retraces), seconds, stopped, not going
+    )
 
 
 def _optimum(

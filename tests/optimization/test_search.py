@@ -151,3 +151,26 @@ def test_where_designs_count_a_budget_ends_with_those_for_derivatives():
     free = SearchBudget.of(300, None)
     assert free.counting(vector) is vector
     assert free.at_most(300).evaluations == 299
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_a_search_that_is_interrupted_keeps_its_best_point(count):
+    """Ctrl-C ends it as a budget does, and all that shares the budget; a second one ends everything."""
+    asked, best = [], [np.inf]
+
+    def interrupted(units, rows):
+        asked.append(len(units))
+        if len(asked) == count:
+            raise KeyboardInterrupt
+        good = rows[1] <= 0
+        best[0] = min([best[0], *rows[0][good]])
+        return rows
+
+    budget = SearchBudget()
+    found = search(Toy(interrupted).vector, (0.1, 0.2), budget)
+    assert budget.ended == budget.at_most(9).ended == "stopped"
+    assert found.feasible
+    assert best[0] <= found.merit <= 0.6**2 + 0.2**2
+    asked[:] = [0] * (count - 1)
+    with pytest.raises(KeyboardInterrupt), budget.interruptible():
+        raise KeyboardInterrupt

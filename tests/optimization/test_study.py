@@ -2,8 +2,11 @@
 
 import json
 import math
+import os
 import re
+import signal
 import sys
+import time
 import tomllib
 from dataclasses import replace
 
@@ -65,6 +68,28 @@ def test_an_optimum_is_kept_where_robustness_is_stopped(capsys, tmp_path, monkey
     data = json.loads((folder / "results.json").read_text())
     assert (data["robust"], data["catalogue"], data["status"]) == (None, None, "optimal")
     assert not (folder / "robust.toml").exists()
+
+
+def test_a_job_whose_time_is_over_writes_the_best_so_far(capsys, tmp_path, monkeypatch):
+    """SIGTERM, as of a limit on time, within the check, and Ctrl-C alike: nothing had been written."""
+    solve, folder = sys.modules["roslf_design.optimization.solve"], tmp_path / "ended"
+    check = solve._check
+
+    def late(*arguments):
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(60)  # where the signal arrives
+        return check(*arguments)
+
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(solve, "_check", late)
+    code, out, _ = run(capsys, "optimize", study(tmp_path, GOOD.replace("check = false", "check = true")), "-o", folder)
+    assert code == 130
+    assert "it was stopped after" in " ".join(out.split())
+    data = json.loads((folder / "results.json").read_text())
+    assert data["trust"]["ended_by"] == "stopped"
+    assert data["trust"]["checks"] == []
+    assert roslf.load(folder / "best.toml").name.endswith("best so far")
+    assert signal.getsignal(signal.SIGTERM) == before
 
 
 def test_a_study_with_everything(capsys, tmp_path):
