@@ -157,7 +157,7 @@ class BoreWalk(NamedTuple):
         if (power if isinstance(power, float) else np.any(power)) and np.any(np.less(z, 0)):
             return self._behind(z)
         # Elements that every build's plane has behind it; most are told by a number.
-        behind = bisect_left(farthest, np.min(np.real(z)) if np.size(z) else -math.inf)
+        behind = bisect_left(farthest, np.min(np.asarray(z).real) if np.size(z) else -math.inf)
         while behind < len(parts) and _all(z > parts[behind].start) and _all(z >= steps[behind + 1].place):
             behind += 1
         step = steps[behind]
