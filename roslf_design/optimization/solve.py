@@ -506,7 +506,7 @@ def _solve(
         check: Check | None = None
         with budget.interruptible():
             check = _check(problem, name, guard, best, settings.seed, polish)
-        if check is None or budget.ended == "stopped":  # unfinished it tells nothing, but the best that it met counts
+        if check is None or budget.halted.is_set():  # unfinished it tells nothing, but the best that it met counts
             other = judged(problem, replace(best, unit=best.unit if guard.unit is None else guard.unit))
         else:
             checks.append(check)

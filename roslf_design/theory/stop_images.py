@@ -409,7 +409,7 @@ class MicrolensImages:
         axial = object_scale(self.camera)
         return ratio(along, axial), ratio(across, axial)
 
-    def scales(self, at: float | None) -> tuple[Number, Number]:
+    def scales(self, at: Number | None) -> tuple[Number, Number]:
         """Millimetres on a plane ahead of the tip per millimetre on the array, along the field's radius and across it.
 
         None is the focal plane.

@@ -253,7 +253,7 @@ class _Aim(NamedTuple):
                 deviations = (factors[rows].T[:, :, None] * some[:, None]).reshape(len(some), -1)
                 failed[rows] += (~holding(plan, deviations)).reshape(len(rows), -1).sum(axis=1)
             left = left[failed[left] <= self.trials - self.passed]
-        return np.isin(np.arange(len(changed)), left).tolist()
+        return [at in left for at in range(len(changed))]
 
 
 def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[_CostedPart, ...]:

@@ -26,7 +26,7 @@ from roslf_design.depth.pictures import DETAIL
 from roslf_design.design import Design
 from roslf_design.shapes.lattice import PACKINGS
 from roslf_design.theory.colours import filters, panchromatic
-from roslf_design.theory.disparity_error import disparity_sigma, share_saturated
+from roslf_design.theory.disparity_error import disparity_sigma, share_full
 from roslf_design.theory.disparity_information import Seen
 from roslf_design.theory.exit_pupil import microlens_image_pitch
 from roslf_design.theory.lens_shapes import LENS_SHAPES
@@ -172,7 +172,7 @@ def main() -> None:
         camera = cameras()[name]
         at = place(camera, np.random.default_rng([SEED, zlib.crc32(f"{name}, slanted wall".encode())]))
         every = ((light, lit(camera.design, share)) for light, share in LIGHTS.items())
-        light, design = next(one for one in every if share_saturated(Camera.of(one[1].thin_twin)) < FULL)
+        light, design = next(one for one in every if share_full(Camera.of(one[1].thin_twin)).pixels < FULL)
         bound = attainable(design, at)._asdict()
         name = name if light == "bright" else f"{name}, {light}"
         results[name] = {key: one if math.isfinite(one) else None for key, one in bound.items()}

@@ -12,9 +12,9 @@ from roslf_design.camera import Camera
 from roslf_design.depth.geometry import ArrayGeometry, disparity_of
 from roslf_design.depth.pictures import chief_rays
 from roslf_design.design import Design
+from roslf_design.design.parts import OCTAVES
 from roslf_design.imaging.surfaces import encode, met
 from roslf_design.scenes import Noise, Plane, Scene, Sphere
-from roslf_design.scenes.objects import OCTAVES
 
 Array = NDArray[np.float64]
 

@@ -318,8 +318,8 @@ def _lines(
         for quantity, line in _listed("Object field"):
             there = partial(_at_distance, quantity, plane, 1.0)
             name, value = f"{line.label or quantity.label} {at}", float(quantity(camera, field.at_mm))
-            own, of = (quantity.name, None) if focal else ("", there)
-            yield _SheetLine("Object field", name, value, quantity.unit, line.remark_on(camera), own, of=of)
+            own, values = (quantity.name, None) if focal else ("", there)
+            yield _SheetLine("Object field", name, value, quantity.unit, line.remark_on(camera), own, of=values)
     for row in sheet.resolution:
         focal = row.plane == FOCUS
         centre = row.x_ml_mm == sheet.field[0].x_ml_mm
