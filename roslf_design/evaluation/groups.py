@@ -148,6 +148,12 @@ class DepthAssumptions:
     full_within_mm: float
     """Distance ahead of the tip nearer than which a source there fills the pixels; 0 of light as bright everywhere."""
     exposure_s: float
+    full_well: float
+    """Electrons that a pixel holds."""
+    light: str
+    """Illuminance and reflectance of the scene, or its radiance, in words."""
+    light_at_distances: str
+    """Whether light is as bright at every distance, or falls from where, in words."""
     contrast: float
     """Rms, in each octave of detail or of the one period."""
     period_mm: float | None
@@ -169,7 +175,8 @@ class DepthAssumptions:
 
     def __str__(self) -> str:
         return (
-            f"for {number(self.electrons, 4)} electrons a pixel in {number(1e3 * self.exposure_s, 3)} ms, a texture of "
+            f"for {number(self.electrons, 4)} electrons a pixel in {number(1e3 * self.exposure_s, 3)} ms (full well "
+            f"{number(self.full_well, 4)}; {self.light}, {self.light_at_distances}), a texture of "
             f"{100 * self.contrast:.3g} % rms contrast {self.detail}, and {self.window:g} x {self.window:g} "
             "microlenses matched"
         )
@@ -178,11 +185,12 @@ class DepthAssumptions:
     def facts(self) -> list[tuple[str, str, str]]:
         """Name, value, remark."""
         lenses, exposure = f"{self.window:g} x {self.window:g}", f"in {number(1e3 * self.exposure_s, 3)} ms"
-        spread = "as bright at every distance"
+        spread = self.light_at_distances
         if self.full_within_mm:
-            spread = f"in focus; by 1/z² from the tip: pixels saturate nearer than {number(self.full_within_mm, 3)} mm"
+            spread = f"in focus; {spread}: pixels saturate nearer than {number(self.full_within_mm, 3)} mm"
         return [
             ("light", f"{number(self.electrons, 4)} e- a pixel", f"{exposure}, {spread}"),
+            ("light, on the scene", self.light, f"full well {number(self.full_well, 4)} e-"),
             ("texture, rms contrast", f"{self.contrast:.3g}", self.detail),
             ("microlenses matched", lenses, f"of {self.views:.0f} independent views"),
         ]

@@ -237,9 +237,8 @@ def requirements(
         met = met and dark != DARK
         label = (quantity.label or quantity.name) + ("" if field is None else f" {shown.in_words(field)}")
         label += "" if asked.at is None else f" at {number(asked.at, 4)} mm"
-        at, only, remedy = asked.at, "", ""
+        at, only, remedy, of_detail = asked.at, "", "", quantity.unit == "lp/mm"
         counts = counted[quantity.name](at) if quantity.name in counted and not undefined else ""
-        of_detail = quantity.unit == "lp/mm"
         fold = float(quantity_named("fold_lp_per_mm")(camera, at)) if of_detail else math.inf
         # Usable detail of rays ends at their own fold.
         aliases = field is None and not undefined and min(value, closed) > fold
@@ -271,15 +270,7 @@ def requirements(
             remedy = clauses(remedy, MENDED_BY[WARMTH])
         if met and at is not None and quantity.of_views and (blurred := _blurred(camera, at)):
             only, remedy = clauses(only, "where single views blur", by=", "), clauses(remedy, blurred)
-        if met and quantity.name in OF_DEPTH and "depth.disparity_error" not in camera.numbers:
-            lost = share_full(camera, at).field
-            if lost > LEFT_OUT:
-                share = f"pixels are full in about {percent(lost)} of the field, which has no depth"
-                counts, met = clauses(counts, share), lost <= MOST
-                only = clauses(only, "where pixels are not full", by=", ") * met
-                remedy = clauses(_with_room(camera, at), remedy)
-        if quantity.name == CHARGE and not undefined:
-            met, counts, remedy = _of_charge(camera, at, value, low, met)
+        met, counts, only, remedy = _in_the_well(camera, quantity, at, value, low, (met, counts, only, remedy))
         if field is not None and not met and not sampled and low is not None and value < low <= middle:
             remedy = SHARPER
         if quantity.of_views and not has_views(camera):
@@ -469,6 +460,26 @@ def _of_depth(budget: DepthBudget, most: float) -> str:
     if largest.name == BUILT and CALIBRATED in [term.name for term in others.terms]:
         way = "the calibration does not see them, tighter tolerances hold them"
     return f"mostly {largest.name}, which `roslf optimize` does not count: {way}{still}"
+
+
+def _left_out(camera: Camera, at: float | None) -> float:
+    """Share of the field that has no depth for full pixels; none of an error that the design gives."""
+    return 0.0 if "depth.disparity_error" in camera.numbers else share_full(camera, at)[1]
+
+
+def _in_the_well(
+    camera: Camera, quantity: Quantity, at: float | None, value: float, low: float | None,
+    told: tuple[bool, str, str, str],
+) -> tuple[bool, str, str, str]:  # fmt: skip
+    """Whether a limit is met, its reservation and remedies, once the full well is counted."""
+    met, counts, only, remedy = told
+    if quantity.name == CHARGE and not math.isnan(value):
+        met, counts, remedy = _of_charge(camera, at, value, low, met)
+    elif met and quantity.name in OF_DEPTH and (lost := _left_out(camera, at)) > LEFT_OUT:
+        counts = clauses(counts, f"without depth, for full pixels: about {percent(lost)} of the field")
+        only = clauses(only, "where pixels are not full", by=", ") * (lost <= MOST)
+        met, remedy = lost <= MOST, clauses(_with_room(camera, at), remedy)
+    return met, counts, only, remedy
 
 
 def _with_room(camera: Camera, at: float | None) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 from .._arrays import Array
 from ..camera import Camera
 from ..design import Design
+from ..design.parts import Light
 from ..design.required import Required
 from ..errors import InputError, Problem
 from ..fates import ImageFate
@@ -50,6 +51,8 @@ AT_TIP = 0.01
 BEYOND = 2.0
 """Where the working range has no end, the data sheet's farthest plane, in distances of the focal plane."""
 LEVELS = (0.5, 0.1)
+DEEP = 3.0
+"""Far end of a working range over the near one from which light that does not fall with distance is doubted."""
 CORNER, RIM = "corner of the field", "rim of the round field"
 """Where a field ends: the corner of what the sensor sees, or of a round field that is required its rim."""
 ROUND = 16
@@ -617,6 +620,26 @@ def _known(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
+def _light_words(light: Light) -> tuple[str, str]:
+    """Light on the scene, and how it goes with distance, in words."""
+    on_scene = (
+        f"{number(light.illuminance, 4)} lx, reflectance {number(light.reflectance, 3)}"
+        if light.radiance is None
+        else f"radiance {number(light.radiance, 4)} W/m²/sr"
+    )
+    if light.measured_at is None:
+        return on_scene, "as bright at every distance"
+    return on_scene, f"falls as 1/z² from {number(light.measured_at, 4)} mm"
+
+
+def darkened(assumed: DepthAssumptions | None, ends: tuple[float, float] | None) -> str:
+    """Caution that a source in the tip would darken the far end of a deep working range; empty where it would not."""
+    if assumed is None or assumed.full_within_mm or ends is None or not ends[0] > 0 or ends[1] <= DEEP * ends[0]:
+        return ""
+    left = "no light" if math.isinf(ends[1]) else f"1/{number((ends[1] / ends[0]) ** 2, 2)} of the light"
+    return f"a source in the tip would leave {left} of the near end at the far one: light.measured_at tells what then"
+
+
 def depth_assumptions(design: Design, camera: Camera, error: float) -> DepthAssumptions | None:
     """Assumptions behind a predicted disparity error; None where the design gives the error."""
     if design.depth.disparity_error is not None:
@@ -625,6 +648,9 @@ def depth_assumptions(design: Design, camera: Camera, error: float) -> DepthAssu
     return DepthAssumptions(
         electrons=float(QUANTITIES["pixel_electrons"](camera)),
         full_within_mm=float(full_within(camera)),
+        full_well=float(camera["sensor.full_well"]),
+        light=_light_words(design.light)[0],
+        light_at_distances=_light_words(design.light)[1],
         exposure_s=float(exposure(camera)),
         contrast=design.depth.contrast,
         period_mm=design.depth.period,

@@ -601,7 +601,7 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
                 f"{kept**-0.5:.3g} times as large; {_straighter(camera, kept)}"
             )
     full = share_full(camera) if math.isfinite(float(fill_factor(camera))) else None
-    if full is not None and (full.pixels > TAKEN_LOSS or full.field > TAKEN_FIELD):
+    if full is not None and (full[0] > TAKEN_LOSS or full[1] > TAKEN_FIELD):
         overlap = float(fill_factor(camera)) > 1 + FEASIBLE
         room = roomy(camera) / float(electrons(camera))
         cause, ways = "", "a shorter light.exposure"  # where a veil takes the room
@@ -612,7 +612,7 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
             cause = ", where light of neighbouring images adds up"
             ways = "images that do not overlap or a shorter exposure"
         yield (
-            f"{percent(full.pixels)} of the pixels saturate{cause}: about {percent(full.field)} of the field has no "
+            f"{percent(full[0])} of the pixels saturate{cause}: about {percent(full[1])} of the field has no "
             f"depth, as the texture's bright places fill the well; {ways} leaves room"
         )
     corner = float(sensor_field(camera).radius)

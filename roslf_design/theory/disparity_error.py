@@ -29,7 +29,6 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator
 from functools import lru_cache, partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -220,29 +219,20 @@ def _brightest(c: Camera) -> float:
 
 def roomy(c: Camera) -> float:
     """Electrons of a scene's mean that leave its bright places room in the full well: half of it at most."""
-    held = _brightest(c) / (1 + RARE * texture_contrast(c))
+    held = _brightest(c) / (1 + RARE * _texture_contrast(c))
     return max(min(held, LARGEST_FILL * float(c["sensor.full_well"])), 0.0)
 
 
-class FullShare(NamedTuple):
-    """Shares that full pixels take of a scene whose brightness scatters as its texture does."""
-
-    pixels: float
-    """Pixels on the axis that hold more than the full well, neighbours' light where images overlap too."""
-    field: float
-    """Microlenses of the field that have no depth for it."""
-
-
-def texture_contrast(c: Camera) -> float:
+def _texture_contrast(c: Camera) -> float:
     """Rms contrast of the texture's brightness, of all its octaves together."""
     return float(c["depth.contrast"]) * (1.0 if "depth.period" in c.numbers else math.sqrt(OCTAVES))
 
 
-def share_full(c: Camera, at: Number | None = None) -> FullShare:
-    """Shares of pixels and of the field that are lost to the full well, at a distance ahead of the tip or in focus."""
+def share_full(c: Camera, at: Number | None = None) -> tuple[float, float]:
+    """Share of pixels on the axis beyond the full well, by texture and noise, and of the field without depth for it."""
     images, rise = MicrolensImages(panchromatic(c), [(0.0, 0.0)]), PACKINGS[c.layout].rise
     lit, room = float(electrons(c, at)), float(c["sensor.full_well"] - veil_electrons(c))
-    contrast, dark = texture_contrast(c), float(dark_variance(c) + veil_electrons(c))
+    contrast, dark = _texture_contrast(c), float(dark_variance(c) + veil_electrons(c))
 
     def share(charge: Array, most: float) -> Array:
         light = np.maximum(charge, 0.0)
@@ -255,7 +245,7 @@ def share_full(c: Camera, at: Number | None = None) -> FullShare:
         x, y = places, np.concatenate([places, 1 + places]) * rise  # rows of hexagonal arrays alternate
         charge = lit * whole_light(images, x, y)
     one = float(share(charge, _brightest(c)).mean())
-    return FullShare(float(share(charge, room).mean()), 1.0 - (1.0 - one) ** WITHIN_REACH)
+    return float(share(charge, room).mean()), 1.0 - (1.0 - one) ** WITHIN_REACH
 
 
 def disparity_sigmas(images: MicrolensImages, plane: Seen, besides: tuple[Beside, ...] = (NOTHING,)) -> Array:

@@ -172,7 +172,7 @@ def main() -> None:
         camera = cameras()[name]
         at = place(camera, np.random.default_rng([SEED, zlib.crc32(f"{name}, slanted wall".encode())]))
         every = ((light, lit(camera.design, share)) for light, share in LIGHTS.items())
-        light, design = next(one for one in every if share_full(Camera.of(one[1].thin_twin)).pixels < FULL)
+        light, design = next(one for one in every if share_full(Camera.of(one[1].thin_twin))[0] < FULL)
         bound = attainable(design, at)._asdict()
         name = name if light == "bright" else f"{name}, {light}"
         results[name] = {key: one if math.isfinite(one) else None for key, one in bound.items()}

@@ -16,7 +16,6 @@ from roslf_design.explorer.view import glance, lights
 from roslf_design.optimization.study import read_study
 from roslf_design.reporting.design.pages import parameter_rows
 from roslf_design.reporting.sheet.lines import basis, datasheet_json
-from roslf_design.theory.disparity_error import FullShare
 from roslf_design.theory.quantities import QUANTITIES
 from tests.theory.test_focused import KEPLER, RAYTRIX
 
@@ -109,7 +108,7 @@ def test_searches_that_may_bring_the_pupil_into_focus_are_not_refused(changes, t
 @pytest.mark.parametrize("design", [KEPLER, RAYTRIX])
 def test_evaluations_tell_what_the_microlenses_are_focused_on_and_nothing_of_views(design, monkeypatch):
     monkeypatch.setattr(
-        verdicts, "share_full", lambda _: FullShare(0.0, 0.0)
+        verdicts, "share_full", lambda _: (0.0, 0.0)
     )  # which nothing here asks, of images of many pixels
     result = roslf.evaluate(design)
     first, *others = result.verdicts

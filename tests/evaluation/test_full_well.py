@@ -10,9 +10,11 @@ from scipy import ndimage
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.depth.estimate import PixelNoise, estimate_disparity
+from roslf_design.evaluation.specification import darkened
 from roslf_design.scenes import Noise
 from roslf_design.theory.disparity_error import share_full
 from roslf_design.theory.photometry import electrons, exposure
+from roslf_design.words import number
 from tests.depth.made import disc, exposed
 
 WELL, FINEST = 10_500.0, 3.2
@@ -57,8 +59,8 @@ def test_the_field_lost_to_full_pixels_is_what_depth_loses(design, wall, level):
     field = exposed(views, light, level * WELL, 2.5, 1, WELL)
     found = estimate_disparity(field, pupil, PixelNoise(level * WELL, 2.5, 0.98 * WELL), search=(-3, 3))
     told = share_full(Camera.of(lit_to(design, level)))
-    assert told.pixels == pytest.approx(float((views[inside] * level > 1).mean()), abs=0.03)
-    assert told.field == pytest.approx(1 - float(found.measured.mean()), abs=0.07)
+    assert told[0] == pytest.approx(float((views[inside] * level > 1).mean()), abs=0.03)
+    assert told[1] == pytest.approx(1 - float(found.measured.mean()), abs=0.07)
 
 
 def test_warning_and_depth_as_required_follow_the_same_share_without_a_jump(design):
@@ -66,7 +68,7 @@ def test_warning_and_depth_as_required_follow_the_same_share_without_a_jump(desi
     outcomes = []
     for level in np.linspace(0.5, 1.5, 21):
         lit = lit_to(asked, level)
-        result, lost = roslf.evaluate(lit), share_full(Camera.of(lit)).field
+        result, lost = roslf.evaluate(lit), share_full(Camera.of(lit))[1]
         (one,) = result.required
         assert bool([text for text in result.warnings if "of the field has no depth" in text]) is (lost > 0.05)
         assert one.met is (lost <= 0.5)
@@ -107,3 +109,18 @@ def test_too_few_electrons_ask_for_more_exposure_or_light_first(design):
     ((time, light),) = re.findall(r'light.exposure = "(\S+) ms" or light.illuminance = "(\S+) lx"', one.remedy)
     for changes in ({"light.exposure": 1e-3 * float(time)}, {"light.illuminance": float(light)}):
         assert roslf.evaluate(lit.replace(changes)).required[0].met
+
+
+def test_the_light_that_depth_rests_on_is_told_with_how_it_goes_with_distance():
+    """Even light over a deep range is doubted by the square of its ends' ratio; one that falls says from where."""
+    scope = roslf.load("rigid-scope")
+    even = roslf.evaluate(scope).depth.assumes
+    falls = roslf.evaluate(scope.replace({"light.measured_at": 30.0})).depth.assumes
+    assert even.light == f"{number(scope.light.illuminance, 4)} lx, reflectance {scope.light.reflectance:g}"
+    assert even.light_at_distances == "as bright at every distance"
+    assert falls.light_at_distances == "falls as 1/z² from 30 mm"
+    for one in (even, falls):
+        assert one.light in str(one)
+        assert one.light_at_distances in str(one)
+    assert "1/16 of the light" in darkened(even, (10.0, 40.0))
+    assert darkened(even, (10.0, 29.0)) == darkened(falls, (10.0, 40.0)) == darkened(None, (1.0, 9.0)) == ""

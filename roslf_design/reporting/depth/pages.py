@@ -139,7 +139,8 @@ def statements(trial: Trial) -> Iterator[Statement]:
     if trial.saturated > 0:
         text = (
             f"Is the exposure right? {_percent(trial.saturated)} of the pixels are full: on average "
-            f"{trial.electrons:.4g} electrons, {trial.brightest:.2g} times the full well in the brightest."
+            f"{trial.electrons:.4g} electrons, of {trial.raw.design.sensor.full_well:.5g} that a pixel holds; the "
+            f"brightest {'get' if trial.brightest > 1 else 'reach'} {trial.brightest * 100:.0f} % of that."
         )
         remedy = f"Expose {0.9 / max(trial.brightest, 0.9):.2g} times as long (light.exposure)."
         yield Statement("bad" if trial.saturated > 1 - FEW else "caution", text, remedy)

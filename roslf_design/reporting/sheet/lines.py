@@ -35,6 +35,7 @@ from ...evaluation.specification import (
     Resolved,
     Specification,
     corner,
+    darkened,
     specification,
 )
 from ...evaluation.verdicts import as_sharp, full_well_doubt, lit
@@ -304,7 +305,13 @@ def _lines(
     yield from _whole_camera("Field of view", camera, angles)
     near, far = sheet.depth_of_field_mm.view
     useful = math.nan if sheet.useful_to_mm is None else sheet.useful_to_mm
-    yield from _range_lines(WorkingRange(near, far, useful, budgets[None].lengths, float(full_within(camera))))
+    within = WorkingRange(near, far, useful, budgets[None].lengths, float(full_within(camera)))
+    yield from _range_lines(within)
+    if (assumed := sheet.depth_precision.assumes) is not None:
+        filled = f"{number(assumed.electrons, 4)} of {number(assumed.full_well, 4)} electrons a pixel in focus"
+        time = f"in {number(1e3 * assumed.exposure_s, 3)} ms"
+        told = clauses(time, filled, assumed.light_at_distances, darkened(assumed, within.ends))
+        yield _SheetLine("Distances", "light that depth rests on", None, "", told, "", assumed.light)
     yield from _whole_camera("Distances", camera, {})
     yield from _expected_lines(budgets)
     yield from _depth_lines(sheet, traced, shown.outermost == RIM)
