@@ -354,7 +354,7 @@ class LensImages(MicrolensImages):
         way = np.stack([-x, -y, np.ones_like(x)], axis=-1)
         return np.asarray(way / np.linalg.norm(way, axis=-1, keepdims=True))
 
-    def scales(self, at: float | None) -> tuple[Number, Number]:
+    def scales(self, at: Number | None) -> tuple[Number, Number]:
         """Millimetres on a plane ahead of the tip per millimetre on the array, along the field's radius and across it.
 
         None is the focal plane.
