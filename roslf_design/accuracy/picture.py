@@ -149,7 +149,7 @@ def stated(
     budget : Budget
         It was made by.
     by_noise : bool
-        True where its rays stay below the noise drawn in it, instead of the budget.
+        True where its rays are known to stay below the noise drawn in it, instead of the budget.
     """
     budget = budget if settled is None else settled.budget
     job = _Job(image.design, image.scene, image.plan, budget, image.seed, image.region, image.method)

@@ -331,7 +331,7 @@ def _gather(
 
 @kernel()
 def _taps(part: np.float32) -> tuple[np.float32, np.float32, np.float32, np.float32]:
-    """As `cubic_taps`, in single precision."""
+    """Weights of `cubic_taps`, in single precision."""
     a, b, c, d = cubic_taps(part)
     return np.float32(a), np.float32(b), np.float32(c), np.float32(d)
 
@@ -366,7 +366,7 @@ def _add_row(
     light_a: Samples, light_b: Samples, light_c: Samples, light_d: Samples, held: Samples, part: np.float32,
     taps: tuple[Any, Any, Any, Any], mean: Samples, total: Samples,
 ) -> None:  # fmt: skip
-    """Add a row of a view, `part` of a sample aside, by its light: by four samples where all have light, or by two."""
+    """Sum of views with a row more, `part` of a sample aside: by four samples where all have light, else by two."""
     k, l, m, n = taps
     zero = np.float32(0)
     for u in range(mean.size):

@@ -98,7 +98,7 @@ def _ended_like_ctrl_c() -> Iterator[None]:
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        signal.signal(signal.SIGTERM, before or signal.SIG_DFL)
 
 
 def _designs(result: Result) -> dict[str, bytes]:

@@ -22,7 +22,7 @@ from ..imaging.camera import Region
 from ..imaging.files import check_target, write_image
 from ..imaging.render import noise_rays
 from ..imaging.render import render as compute
-from ..imaging.sampling import render_seconds
+from ..imaging.sampling import MOST_RAYS, render_seconds
 from ..imaging.trace import RaySampling
 from ..options import Options
 from ..reporting.design.microlens import preview as zooms
@@ -158,7 +158,7 @@ def render(
         used, sampling = (budget, options.sampling(budget)) if way is None else (way.budget, way.sampling)
         by_noise = 0
         if sampling is None:
-            part = Region.checked(Camera.of(loaded), piece)
+            part = Region.checked(Camera.of(loaded), piece).drawn()
             by_noise, pixels = noise_rays(loaded, each, effects_on, part), part.columns * part.rows
             size = f"{pixels / 1e6:.2g} million pixels x {by_noise} rays, to stay below the noise of its exposure"
             seconds = render_seconds(loaded, pixels, by_noise) if by_noise else 0.0
@@ -167,7 +167,9 @@ def render(
             image = compute(
                 loaded, each, effects=effects_on, budget=used, seed=seed, region=piece, sampling=sampling, progress=tell
             )
-        statement = replace(stated(image, way, accuracy, budget, by_noise > 0), seconds=time.perf_counter() - began)
+        statement = replace(
+            stated(image, way, accuracy, budget, 0 < by_noise < MOST_RAYS), seconds=time.perf_counter() - began
+        )
         image = replace(image, accuracy=statement.to_dict())
         held = target.read_bytes() if target.is_file() else b""
         written = [target, write_image(image, target, depth)]

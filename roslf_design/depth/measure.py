@@ -331,7 +331,8 @@ class Trial(Measurement):
         light = evaluate(assumed(design, self.scene, window).thin_twin, [(0.0, 0.0)]).depth.assumes
         given = {"sigma_disparity_pitches": design.depth.disparity_error, "window": window}
         texture = "the scene's" if _texture_of(self.scene) is not None else "the design's, not the scene's"
-        return (given if light is None else plain(light)) | {"texture": texture}
+        lit = given if light is None else plain(light) | {"electrons": self.electrons}
+        return lit | {"texture": texture}
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON object of `roslf depth`: microlenses of the first exposure, and what all of them say."""

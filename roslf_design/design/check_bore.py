@@ -75,8 +75,11 @@ def about_sheet(design: Assembly) -> Iterator[Problem]:
 
 
 def _about_names(design: Assembly) -> Iterator[Problem]:
-    """Names that two parts of the bore have."""
-    at: dict[str, str] = {}
+    """Names that two parts of the bore have, or that pages call something else by."""
+    at = dict.fromkeys(
+        ("main lens", "MLA", "sensor", "focal plane", "own cell", "neighbours"), "another line of tables"
+    )
+    at |= {plate.name: plate.place for plate in design.plates}
     for part in design.placed:
         if (other := at.setdefault(part.name, part.place)) != part.place:
             yield Problem(f"{part.place}.name", f'"{part.name}" is the name of {other}, too; give each its own')

@@ -474,8 +474,8 @@ class Light(Part):
     """Distance ahead of the tip at which the scene has that illuminance or radiance, of a source in the tip [mm]: from
     there it falls as 1/z^2, which holds from a few diameters of the tip on. None: as bright at every distance."""
     exposure: Time | None = None
-    """[s], at every distance; None is 1/60 s, or shorter where the scene's mean would fill more than half the full
-    well, at `measured_at`."""
+    """Exposure [s], at every distance; None is 1/60 s, or shorter where the scene's mean would fill more than half the
+    full well, at `measured_at`."""
     transmission: Annotated[float, Field(gt=0, le=1)] = 0.95
     """Transmission of all optics together."""
     veil: Annotated[float, Field(ge=0, lt=1)] = 0.0

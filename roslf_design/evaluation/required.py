@@ -68,7 +68,7 @@ AS_BUILT = (
 """Remedy of a depth that is held by the lengths as drawn alone."""
 
 
-OF_DEPTH, LEFT_OUT, MOST = ("u_z_mm", "expanded_u_z_mm", "sigma_z_mm"), 0.05, 0.5
+OF_DEPTH, LEFT_OUT, MOST = ("u_z_mm", "sigma_z_mm"), 0.05, 0.5
 """Depths that full pixels leave without; shares of the field without depth from which one is met in the rest alone, and
 from which it is not met."""
 CHARGE = "pixel_electrons"
@@ -268,9 +268,8 @@ def requirements(
         if met and worst is not None and not quantity.within(low, high, math.sqrt((worst[1] / COVERAGE) ** 2 + beyond)):
             only = clauses(only, "over environment.range, not at its worse end", by=", ")
             remedy = clauses(remedy, MENDED_BY[WARMTH])
-        if met and at is not None and quantity.of_views and (blurred := _blurred(camera, at)):
-            only, remedy = clauses(only, "where single views blur", by=", "), clauses(remedy, blurred)
-        met, counts, only, remedy = _in_the_well(camera, quantity, at, value, low, (met, counts, only, remedy))
+        so_far = met, counts, only, remedy
+        met, counts, only, remedy = _reserved(camera, asked, quantity, value, (low, high), so_far)
         if field is not None and not met and not sampled and low is not None and value < low <= middle:
             remedy = SHARPER
         if quantity.of_views and not has_views(camera):
@@ -467,14 +466,18 @@ def _left_out(camera: Camera, at: float | None) -> float:
     return 0.0 if "depth.disparity_error" in camera.numbers else share_full(camera, at)[1]
 
 
-def _in_the_well(
-    camera: Camera, quantity: Quantity, at: float | None, value: float, low: float | None,
+def _reserved(
+    camera: Camera, asked: Required, quantity: Quantity, value: float, ends: tuple[float | None, float | None],
     told: tuple[bool, str, str, str],
 ) -> tuple[bool, str, str, str]:  # fmt: skip
-    """Whether a limit is met, its reservation and remedies, once the full well is counted."""
-    met, counts, only, remedy = told
+    """Whether a limit is met, its reservation and remedies, once blur of views and, on the axis, full pixels count."""
+    (met, counts, only, remedy), at = told, asked.at
+    if met and at is not None and quantity.of_views and (blurred := _blurred(camera, at)):
+        only, remedy = clauses(only, "where single views blur", by=", "), clauses(remedy, blurred)
+    if asked.off_axis is not None:
+        return met, counts, only, remedy
     if quantity.name == CHARGE and not math.isnan(value):
-        met, counts, remedy = _of_charge(camera, at, value, low, met)
+        met, counts, remedy = _of_charge(camera, at, value, ends, met)
     elif met and quantity.name in OF_DEPTH and (lost := _left_out(camera, at)) > LEFT_OUT:
         counts = clauses(counts, f"without depth, for full pixels: about {percent(lost)} of the field")
         only = clauses(only, "where pixels are not full", by=", ") * (lost <= MOST)
@@ -488,15 +491,19 @@ def _with_room(camera: Camera, at: float | None) -> str:
 
 
 def _more_light(camera: Camera, factor: float, up: bool) -> str:
-    """Exposure and light that are so many times those of the design, by their keys."""
-    key, unit = ("radiance", "W/m^2/sr") if "light.radiance" in camera.numbers else ("illuminance", "lx")
-    time = on_side(1e3 * factor * float(exposure(camera)), up, 4)
-    light = on_side(factor * float(camera[f"light.{key}"]), up, 4)
-    return f'light.exposure = "{time} ms" or light.{key} = "{light} {unit}" ({number(factor, 3)} times as much)'
+    """Exposure that is so many times the design's, or light where the exposure does not follow it, by their keys."""
+    way = f'light.exposure = "{on_side(1e3 * factor * float(exposure(camera)), up, 4)} ms"'
+    if "light.exposure" in camera.numbers:
+        key, unit = ("radiance", "W/m^2/sr") if "light.radiance" in camera.numbers else ("illuminance", "lx")
+        way += f' or light.{key} = "{on_side(factor * float(camera[f"light.{key}"]), up, 4)} {unit}"'
+    return f"{way} ({number(factor, 3)} times as much)"
 
 
-def _of_charge(camera: Camera, at: float | None, value: float, low: float | None, met: bool) -> tuple[bool, str, str]:
+def _of_charge(
+    camera: Camera, at: float | None, value: float, ends: tuple[float | None, float | None], met: bool
+) -> tuple[bool, str, str]:
     """Whether electrons of a pixel are as required and fit into it, the reservation, and the remedy."""
+    low, high = ends
     well = float(camera["sensor.full_well"])
     holds = f"the full well holds {number(well, 4)}"
     if low is not None and low >= well:
@@ -508,7 +515,9 @@ def _of_charge(camera: Camera, at: float | None, value: float, low: float | None
         return False, f"more than fits: {holds}", clauses(_with_room(camera, at), needs)
     if not met and low is not None and 0 < value < low:
         return False, "", f"{_more_light(camera, low / value, True)} reaches it; {holds}"
-    return met, "", "" if met else f"{_more_light(camera, roomy(camera) / value, False)} fills half of the well at most"
+    if not met and high is not None and value > high:
+        return False, "", f"{_more_light(camera, high / value, False)} reaches it"
+    return met, "", ""
 
 
 def _sampling(fold: float, at: float | None, low: float) -> str:

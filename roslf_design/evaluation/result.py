@@ -405,7 +405,7 @@ def budget_table(result: Evaluation) -> Table:
             (label, own) for label, name, own in zip(taking, names, shares, strict=True) if any(own) or name in beside
         ]
         if idle := len(names) - len(lines):
-            lines.insert(-2, (f"lost at the other {idle}", (0.0,) * len(budgets)))
+            lines.insert(-2, (f"lost at all others ({idle})", (0.0,) * len(budgets)))
         cells = tuple((label, *(f"{fixed(100 * share, 2)} %" for share in own)) for label, own in lines)
         headings = ("microlens x, y [mm]", *(place(field.x_ml_mm) for field in result.fields))
         return Table(cells, "l" + "r" * len(budgets), headings, title)

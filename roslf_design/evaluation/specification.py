@@ -637,7 +637,9 @@ def darkened(assumed: DepthAssumptions | None, ends: tuple[float, float] | None)
     if assumed is None or assumed.full_within_mm or ends is None or not ends[0] > 0 or ends[1] <= DEEP * ends[0]:
         return ""
     left = "no light" if math.isinf(ends[1]) else f"1/{number((ends[1] / ends[0]) ** 2, 2)} of the light"
-    return f"a source in the tip would leave {left} of the near end at the far one: light.measured_at tells what then"
+    return (
+        f"a source in the tip would leave {left} of the near end at the far one: state light.measured_at to count that"
+    )
 
 
 def depth_assumptions(design: Design, camera: Camera, error: float) -> DepthAssumptions | None:

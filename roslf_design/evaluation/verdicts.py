@@ -602,15 +602,16 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
             )
     full = share_full(camera) if math.isfinite(float(fill_factor(camera))) else None
     if full is not None and (full[0] > TAKEN_LOSS or full[1] > TAKEN_FIELD):
-        overlap = float(fill_factor(camera)) > 1 + FEASIBLE
-        room = roomy(camera) / float(electrons(camera))
+        alone, room = share_full(camera, neighbours=False), roomy(camera) / float(electrons(camera))
         cause, ways = "", "a shorter light.exposure"  # where a veil takes the room
-        if room < (LARGEST_FILL if overlap else 1 - FEASIBLE):
-            other = ", or none given," * (design.light.measured_at is None)
-            ways = f"light.exposure of {number(1e3 * room * float(exposure(camera)), 3)} ms or less{other}"
-        elif overlap:
+        if alone[0] <= TAKEN_LOSS and alone[1] <= TAKEN_FIELD:
             cause = ", where light of neighbouring images adds up"
             ways = "images that do not overlap or a shorter exposure"
+        elif room < 1 - FEASIBLE:
+            given = design.light.exposure is not None and design.light.measured_at is None
+            enough = roomy(camera) >= LARGEST_FILL * design.sensor.full_well * (1 - FEASIBLE)
+            other = ", or none given," * (given and enough)
+            ways = f"light.exposure of {number(1e3 * room * float(exposure(camera)), 3)} ms or less{other}"
         yield (
             f"{percent(full[0])} of the pixels saturate{cause}: about {percent(full[1])} of the field has no "
             f"depth, as the texture's bright places fill the well; {ways} leaves room"

@@ -71,20 +71,25 @@ class WorkingRange(NamedTuple):
     @property
     def begins(self) -> str:
         """Reason why it begins where it does, in words; empty where single views are sharp from there on."""
-        return "from where the light fills pixels no more" if self.full_within > self.near else ""
+        return "nearer, pixels are full" if self.full_within > self.near else ""
+
+    @property
+    def stops(self) -> str:
+        """Reason why it ends where it does, in words."""
+        if self.useful_to < self.sharp_to:
+            far = "infinity" if math.isinf(self.sharp_to) else f"{number(self.sharp_to, 3)} mm"
+            return f"to where {RULE}; views are sharp to {far}"
+        return "where single views are sharp"
 
     @property
     def remark(self) -> str:
-        """Reason why it ends there, in words."""
+        """Reasons for both ends, or why there is none, in words."""
         if self.ends is None:
             return clauses(
                 f"single views are sharp from {_from_to(self.near, self.sharp_to)}, but {RULE} or more there",
                 f"pixels are full nearer than {number(self.full_within, 3)} mm" * bool(self.begins),
             )
-        if self.useful_to < self.sharp_to:
-            far = "infinity" if math.isinf(self.sharp_to) else f"{number(self.sharp_to, 3)} mm"
-            return clauses(self.begins, f"to where {RULE}; views are sharp to {far}")
-        return clauses(self.begins, "where single views are sharp")
+        return clauses(self.begins, self.stops)
 
 
 def ranges(

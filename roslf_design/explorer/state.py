@@ -108,7 +108,7 @@ WINDOW = (
 LIGHT = (
     NumberField("light.illuminance", "Illuminance", "Light", "lx", "log", "illuminance", (1e1, 1e6)),
     NumberField("light.reflectance", "Reflectance", "Light", "", "log", "", (0.01, 1.0)),
-    NumberField("light.measured_at", "Holds at", "Light", "mm", "log", "length", (1.0, 1e3), "every distance"),
+    NumberField("light.measured_at", "Light measured at", "Light", "mm", "log", "length", (1.0, 1e3), "every distance"),
     NumberField("light.exposure", "Exposure", "Light", "ms", "log", "time", (1e-5, 1.0), "automatic"),
     NumberField("depth.contrast", "Contrast, rms", "Texture", "", "log", "", (1e-3, MOST_CONTRAST)),
     NumberField("depth.period", "Period", "Texture", "mm", "log", "length", (1e-2, 1e2), "every size"),

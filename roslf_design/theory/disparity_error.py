@@ -228,8 +228,11 @@ def _texture_contrast(c: Camera) -> float:
     return float(c["depth.contrast"]) * (1.0 if "depth.period" in c.numbers else math.sqrt(OCTAVES))
 
 
-def share_full(c: Camera, at: Number | None = None) -> tuple[float, float]:
-    """Share of pixels on the axis beyond the full well, by texture and noise, and of the field without depth for it."""
+def share_full(c: Camera, at: Number | None = None, *, neighbours: bool = True) -> tuple[float, float]:
+    """Share of pixels on the axis beyond the full well, by texture and noise, and of the field without depth for it.
+
+    With the light of `neighbours` where images overlap, or as if they did not.
+    """
     images, rise = MicrolensImages(panchromatic(c), [(0.0, 0.0)]), PACKINGS[c.layout].rise
     lit, room = float(electrons(c, at)), float(c["sensor.full_well"] - veil_electrons(c))
     contrast, dark = _texture_contrast(c), float(dark_variance(c) + veil_electrons(c))
@@ -240,7 +243,7 @@ def share_full(c: Camera, at: Number | None = None) -> tuple[float, float]:
 
     alone = not overlapping(float(fill_factor(c)), rise, images.openings.first_is_disc) > FULL
     charge = np.full((1, 1), lit)
-    if not alone:
+    if neighbours and not alone:
         places = (np.arange(CELL_PLACES) + 0.5) / CELL_PLACES
         x, y = places, np.concatenate([places, 1 + places]) * rise  # rows of hexagonal arrays alternate
         charge = lit * whole_light(images, x, y)

@@ -259,8 +259,9 @@ class Study(StrictTable):
     """Base samples of the Sobol indices, a power of two; 0: none. Unless given, fewer where depth is limited behind a
     real lens: 10,000 builds at most."""
     only: Only | None = None
-    """"yield": the yield of all trials and what one factor on all tolerances makes of it, sooner; nothing of what takes
-    most of the time, as single tolerances, indices, other grades and changes that reach the target."""
+    """Analyses alone, "yield": the yield of all trials and what one factor on all tolerances makes of it, sooner;
+    nothing of what takes most of the time, as single tolerances, indices, other grades and changes that reach the
+    target."""
     quantiles: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
     keep_trials: Annotated[int, Field(ge=0, le=10**7)] = 10_000
     """How many of the first trials are written out one by one."""
@@ -534,8 +535,9 @@ class RunOptions(Options):
     """Instead of a number of trials: what shares of builds (the yield, those below a quantile) may be off by, as 0.005
     (in 95 % of runs). 0.001 takes a million trials."""
     only: Only | None = None
-    """Instead of the study's: yield, without the searches behind it for single tolerances, indices, other grades and
-    changes that reach the target, which take most of the time. Given again without it and with resume, they follow."""
+    """Analyses alone, instead of the study's: yield, without the searches behind it for single tolerances, indices,
+    other grades and changes that reach the target, which take most of the time. Given again without it and with resume,
+    they follow."""
 
     def plan(self, path: str | Path) -> tuple[TolerancePlan, Study, Grades]:
         """Study of a file, resolved; errors as of `load_plan`."""

@@ -488,7 +488,7 @@ def test_elements_go_by_their_names():
     assert "plate 2" in page
     assert "plate 1" not in page
     assert loads(dumps(named)).elements == named.elements
-    for name, other in (("window", {"name": "window"}), ("plate 2", {}), ("FAP", {})):
+    for name, other in (("window", {"name": "window"}), ("plate 2", {}), ("FAP", {}), ("main lens", {})):
         with pytest.raises(DesignError, match=f'"{name}" is the name of'):
             PAPER.replace({"elements": [PLATE | {"name": name}, PLATE | {"distance": 120.0} | other]})
 
@@ -498,7 +498,7 @@ def test_ray_budget_folds_what_takes_no_light():
     result = roslf.evaluate("cystoscope")
     rows = next(part for part in result.everything.split("Ray budget")[1:])
     table = rows.split("\n\n")[0]
-    assert "lost at the other" in table
+    assert "lost at all others" in table
     shares = [float(share) for share in re.findall(r"([\d.]+) %", table)]
     fields = len(result.fields)
     for k in range(fields):

@@ -111,6 +111,25 @@ def test_too_few_electrons_ask_for_more_exposure_or_light_first(design):
         assert roslf.evaluate(lit.replace(changes)).required[0].met
 
 
+@pytest.mark.parametrize("given", [True, False])
+def test_what_the_remedy_of_electrons_names_gives_as_many(design, given):
+    """Of too many as of too few: with the exposure that it names the limit is met, and met just so.
+
+    Light is named beside it only where the exposure is given: one that follows the light would undo it.
+    """
+    base = lit_to(design, 0.4) if given else design
+    held = float(electrons(Camera.of(base)))
+    for limit in (f"min = {round(1.2 * held)}", f"max = {round(0.7 * held)}"):
+        asked = requiring(base, f"pixel_electrons = {{{limit}}}")
+        (one,) = roslf.evaluate(asked).required
+        assert not one.met
+        assert ("light.illuminance" in one.remedy) == given
+        time = float(re.search(r'light.exposure = "(\S+) ms"', one.remedy)[1]) * 1e-3
+        (mended,) = roslf.evaluate(asked.replace({"light.exposure": time})).required
+        assert mended.met
+        assert mended.value == pytest.approx(round((1.2 if "min" in limit else 0.7) * held), rel=1e-3)
+
+
 def test_the_light_that_depth_rests_on_is_told_with_how_it_goes_with_distance():
     """Even light over a deep range is doubted by the square of its ends' ratio; one that falls says from where."""
     scope = roslf.load("rigid-scope")

@@ -81,7 +81,7 @@ def test_what_trials_tell_before_they_are_analysed_is_what_the_analyses_tell(loo
 
 
 def test_what_all_builds_hold_has_no_culprit(result):
-    assert measured_words(result.plan, tally_chunk(result.plan, 0)).endswith("builds; it is analysed now")
+    assert measured_words(result.plan, tally_chunk(result.plan, 0)).endswith("builds; analyses follow")
 
 
 def test_the_section_answers_first_and_shows_every_part(result):

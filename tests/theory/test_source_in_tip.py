@@ -98,7 +98,7 @@ def test_the_working_range_begins_where_pixels_are_no_longer_full():
     lit = LIT.replace({"light.exposure": 4e-3})
     within, even = (WorkingRange.of(Camera.of(one)) for one in (lit, lit.replace({"light.measured_at": None})))
     assert within.near == even.near < within.full_within == within.ends[0]
-    assert "fills pixels no more" in within.remark
+    assert "nearer, pixels are full" in within.remark
     answer = roslf.evaluate(lit, at=within.full_within / 2).answer
     assert answer.at[1].cells[2:4] == ("none", "pixels are full")
     assert answer.working_range_mm == within.ends

@@ -558,7 +558,7 @@ def plan_blocks(
     remedy = sentence(f"{best}: ± {_rounded(2 * after[best])} in the focal plane") if helps else NO_GAIN
     fewer = after.get(fewer_boards(c), math.inf)
     if fewer <= LEAST_GAIN * float(depth.u_z_mm):
-        remedy += f" Every second board adds little to that: {c.boards // 2} tell ± {_rounded(2 * fewer)}."
+        remedy += f" Half the boards do nearly as well: with {c.boards // 2}, U = ± {_rounded(2 * fewer)}."
     answers = [Statement("plain", promise, remedy)]
     large = too_large(design, c)
     if large:
@@ -642,7 +642,7 @@ def _promise(design: Design, plan: CapturePlan, asked: PlanOptions, build: Lengt
     if plan.determined("d_3") and sigma["d_3"] >= abs(d_3):
         text += f" d_3 itself is {number(d_3, 2)} mm as the main lens sees it."
     if plan.quantities != QUANTITIES:
-        text += " The main lens sees its focal plane at infinity: m is 0, and no d_f to be known."
+        text += " The main lens sees its focal plane at infinity, so m is 0 and d_f is infinite."
     if lost := [name for name in plan.quantities if not plan.determined(name)]:
         text += f" Not determined by these poses: {listed(lost)}; depth is known without them."
     return Statement("plain" if (worst := _worst(trusts)) == "good" else worst, text, advice)

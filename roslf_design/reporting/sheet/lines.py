@@ -428,7 +428,7 @@ def _range_lines(within: WorkingRange) -> Iterator[_SheetLine]:
     begins, own = within.begins or "where single views are sharp", "" if within.begins else sharp.format("near")
     yield _SheetLine("Distances", f"{within.label}, near", near, "mm", begins, own)
     own = "" if far < within.sharp_to else sharp.format("far")
-    yield _SheetLine("Distances", f"{within.label}, far", far, "mm", within.remark, own)
+    yield _SheetLine("Distances", f"{within.label}, far", far, "mm", within.stops, own)
 
 
 def told_as_planned(grounds: SpreadSources, required: Sequence[Requirement]) -> SpreadSources:
@@ -545,7 +545,7 @@ class _Resolution:
         transfers = images.transfers(
             0, focus_ahead(camera) if self.focal else self.row.at_mm, camera.worked_out[Camera.build]
         )
-        return np.array(list(map(self._limit, transfers)))
+        return np.array(list(map(self._limit, transfers))).reshape(camera.shape)
 
 
 @dataclass(frozen=True)

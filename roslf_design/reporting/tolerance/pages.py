@@ -409,7 +409,7 @@ def measured_words(plan: TolerancePlan, tally: Tally) -> str:
         place, share = _mostly(plan, final, correlations(tally))
         if place:
             told += f", mostly by {short_name(place, plan.question.design)} ({100 * share:.3g} % of its variance)"
-    return f"{told}; it is analysed now"
+    return f"{told}; analyses follow"
 
 
 def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
