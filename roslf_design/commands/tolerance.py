@@ -65,6 +65,8 @@ if TYPE_CHECKING:
 MOST_WORKERS = 512
 PILOT = 64
 """Builds that tell how long one takes."""
+STARTED = 10.0
+"""Seconds that trials take from which they tell how long analyses will: the first ones compile and load."""
 OPTIONS = RunOptions()
 
 
@@ -122,7 +124,8 @@ def tolerance(
         except ChunkLostError as error:
             say(f"roslf: {with_options(str(error))}", error=True)
             raise SystemExit(1) from None
-    waits = (time.perf_counter() - started) * sum(builds_of_analyses(plan, description, grades)) / plan.trials
+    took = time.perf_counter() - started
+    waits = took * sum(builds_of_analyses(plan, description, grades)) / plan.trials if took > STARTED else 0.0
     if sys.stderr.isatty() or waits > LOGGED:
         say(f"roslf: {measured_words(plan, tally)}", error=True)
     with status_and_bars("tolerance") as tell:

@@ -363,26 +363,6 @@ _ROUND: dict[str, Any] = {**_NEITHER, "least": 0.0}
 _EVERY = (
     # Pupils.
     Quantity(
-        "entrance_pupil_diameter_mm",
-        "mm",
-        "diameter of the entrance pupil, the aperture stop as the scene sees it: D_F where nothing bends light before",
-        _whole(field_of_view.entrance_pupil_diameter),
-        label="entrance pupil, diameter",
-        evaluated=Listed("entrance_pupil", key="diameter_mm"),
-        sheet=Listed("Field of view", remark="the aperture stop, as the scene sees it"),
-    ),
-    Quantity(
-        "entrance_pupil_ahead_mm",
-        "mm",
-        "distance from the tip to the entrance pupil; below 0 where it lies behind the tip",
-        _whole(field_of_view.entrance_pupil_ahead),
-        positive=False,
-        monotone=False,
-        label="entrance pupil, ahead of the tip",
-        evaluated=Listed("entrance_pupil", remark="below 0: behind the tip", key="ahead_of_tip_mm"),
-        sheet=Listed("Field of view", remark="below 0: behind the tip"),
-    ),
-    Quantity(
         "aperture_constant",
         "",
         "H",
@@ -580,6 +560,26 @@ _EVERY = (
         numeric=True,
         label="direction of view",
         sheet=Listed("Field of view", remark="0 is straight ahead"),
+    ),
+    Quantity(
+        "entrance_pupil_diameter_mm",
+        "mm",
+        "diameter of the entrance pupil, the aperture stop as the scene sees it: D_F where nothing bends light before",
+        _whole(field_of_view.entrance_pupil_diameter),
+        label="entrance pupil, diameter",
+        evaluated=Listed("entrance_pupil", key="diameter_mm"),
+        sheet=Listed("Field of view", remark="the aperture stop, as the scene sees it"),
+    ),
+    Quantity(
+        "entrance_pupil_ahead_mm",
+        "mm",
+        "distance from the tip to the entrance pupil; below 0 where it lies behind the tip",
+        _whole(field_of_view.entrance_pupil_ahead),
+        positive=False,
+        monotone=False,
+        label="entrance pupil, ahead of the tip",
+        evaluated=Listed("entrance_pupil", remark="below 0: behind the tip", key="ahead_of_tip_mm"),
+        sheet=Listed("Field of view", remark="below 0: behind the tip"),
     ),
     Quantity(
         "object_magnification",

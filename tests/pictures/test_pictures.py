@@ -622,8 +622,8 @@ def test_a_section_that_nearly_fits_is_to_scale_and_a_stretched_one_has_a_drawin
     (panel,) = scale_drawing(design, 322.0).panels
     assert panel.per_px[0] == pytest.approx(panel.per_px[1])
     # Ends of the tube over its diameter, by the lengths of the design's file.
-    (tube,) = (part for part in instrument_scene(design, side=True).parts if part.name == "tube")
-    assert np.ptp(tube.points[:, 2]) == pytest.approx(design.d_3 + design.d_1 + design.d_2)
+    tubes = [part.points for part in instrument_scene(design, side=True).parts if part.label == "tube"]
+    assert np.ptp(np.concatenate(tubes)[:, 2]) == pytest.approx(design.d_3 + design.d_1 + design.d_2)
 
 
 def test_names_above_a_folded_drawing_do_not_stand_on_each_other_or_its_title():

@@ -76,7 +76,7 @@ def test_numbers_and_drawings_are_those_of_the_folder(tmp_path):
 
 
 def test_a_sigma_as_large_as_the_length_is_a_cross_and_one_over_a_tenth_a_reserve(tmp_path):
-    """Of f focused at infinity m is nothing, and d_f and H by it; d_3 at the lens is held against d_1."""
+    """Of f focused at infinity m is nothing, and d_f by it; H is known by its own; d_3 at the lens against d_1."""
     rows = {
         "d_3": row(0.005, 3.0, "mm"),
         "d_1": row(51.0, 0.5, "mm"),
@@ -86,9 +86,9 @@ def test_a_sigma_as_large_as_the_length_is_a_cross_and_one_over_a_tenth_a_reserv
     rows |= {"m": row(1e-4, 2e-4, ""), "H": row(1.0, 0.01, ""), "d_f": row(-9.0, 0.1, "mm")}
     finding = calibrated_finding(load("paper"), read_calibration(written(tmp_path, quantities=rows)))
     marks = {cells[0]: cells[-1] for cells in finding.section.blocks[1].rows}
-    assert marks == {"d_3": "✓", "d_1": "✓", "d_2": "!", "A": "✗", "m": "✗", "H": "✗", "d_f": "✗"}
+    assert marks == {"d_3": "✓", "d_1": "✓", "d_2": "!", "A": "✗", "m": "✗", "H": "✓", "d_f": "✗"}
     assert finding.statement.tone == "bad"
-    quoted = "may quote d_3 and d_1; with reserve d_2 (sigma over 10 % of it); not A, m, H and d_f (sigma as large"
+    quoted = "may quote d_3, d_1 and H; with reserve d_2 (sigma over 10 % of it); not A, m and d_f (sigma as large"
     assert quoted in finding.statement.text
 
 
@@ -284,13 +284,15 @@ def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine():
     plan = calibration_plan(far, PlanOptions())
     blocks = plan_blocks(far, plan, PlanOptions())
     depth, lengths = blocks[1].items
-    assert "Not determined by these poses: H, d_f and m;" in lengths.text
+    assert "focal plane at infinity, so m is 0 and d_f is infinite." in lengths.text
+    assert "ot determined" not in lengths.text
     assert "d_2 to" in lengths.text
     at_focus = 2 * float(planned_depth(far, plan, PlanOptions()).u_z_mm)
     assert at_focus < 30.0
     assert f"± {at_focus:.3g} mm in the focal plane" in depth.text
-    assert " H to" not in plan.advice
     rows = {row[0]: row[1] for row in blocks[2].rows}
-    assert [name for name, cell in rows.items() if cell == "not determined"] == ["H", "d_f", "m"]
-    assert [row[0] for row in blocks[2].rows if row[-1] == "✗"] == ["H", "d_f", "m"]
-    assert lengths.tone == "bad"
+    assert list(rows) == ["H", "d_3", "d_1", "d_2", "A"]
+    # 1/H = 1 - d_3/d_f: by the sigma of 1/d_f, in which both are linear.
+    assert float(rows["H"]) < 0.02
+    assert [row[0] for row in blocks[2].rows if row[-1] == "✗"] == []
+    assert lengths.tone == "plain"

@@ -311,7 +311,7 @@ def _lines(
         filled = f"{number(assumed.electrons, 4)} of {number(assumed.full_well, 4)} electrons a pixel in focus"
         time = f"in {number(1e3 * assumed.exposure_s, 3)} ms"
         told = clauses(time, filled, assumed.light_at_distances, darkened(assumed, within.ends))
-        yield _SheetLine("Distances", "light that depth rests on", None, "", told, "", assumed.light)
+        yield _SheetLine("Distances", "light that depth assumes", None, "", told, "", assumed.light)
     yield from _whole_camera("Distances", camera, {})
     yield from _expected_lines(budgets)
     yield from _depth_lines(sheet, traced, shown.outermost == RIM)
