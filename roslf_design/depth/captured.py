@@ -21,15 +21,13 @@ from ..imaging.camera import Region
 from ..json_data import plain
 from ..progress import CountedProgress, shares, silent
 from ..theory.exit_pupil import microlens_image_diameter
-from ..theory.photometry import dark_variance, electrons, veil_electrons
+from ..theory.photometry import FILLED, dark_variance, electrons, veil_electrons
 from .estimate import MANY_PIXELS, ROUGH, DisparityMap, PixelNoise, Start, estimate_disparity
 from .geometry import ArrayGeometry, GridGeometry, ViewGeometry
 from .measure import POINTS, Depths, Measurement, measure, sampled, search_about
 from .pictures import lattice_of
 
 Found = TypeVar("Found")
-FULL = 0.98
-"""Share of the full well from which a pixel counts as saturated: interpolation mixes it with its neighbours."""
 WHOLE = 0.75
 """Share of its rows with light from which a column of a hexagonal array made square is kept at the sides."""
 FIRST_NOISE = 0.02
@@ -188,11 +186,11 @@ def raw_noise(camera: Camera, raw: RawDecoded, field: LightField, sensor: Measur
         if sensor.read_noise is not None:  # rounding is none of it
             dark = math.hypot(sensor.read_noise.value, gain * (raw.pixels.dtype.kind in "ui") / math.sqrt(12))
         full = math.inf if raw.full is None else gain * raw.full
-        noise = PixelNoise(gain * level, dark, FULL * (full if well is None or well.bound else well.value))
+        noise = PixelNoise(gain * level, dark, FILLED * (full if well is None or well.bound else well.value))
         return CaptureNoise(noise.on_veil(veil), level, f"the sensor as calibrated, {gain:.4g} electrons a count")
     if raw.pixels.dtype.kind in "ui" and raw.full is not None:
         said = f"the design's sensor, full at {raw.full:g} counts"
-        noise = PixelNoise(full_well / raw.full * level, dark, full_well * FULL).on_veil(veil)
+        noise = PixelNoise(full_well / raw.full * level, dark, full_well * FILLED).on_veil(veil)
         return CaptureNoise(noise, level, said)
     total = float(field.weight.sum(dtype=float))
     mean = float((field.values * field.weight).sum(dtype=float)) / max(total, 1e-30)

@@ -30,7 +30,7 @@ from ..tables import BriefValue
 from ..theory.colours import filters
 from ..theory.disparity_error import disparity_sigma
 from ..theory.disparity_information import Seen
-from ..theory.photometry import NOTHING, dark_variance, electrons, veil_electrons
+from ..theory.photometry import FILLED, NOTHING, dark_variance, electrons, veil_electrons
 from ..theory.stop_images import MicrolensImages
 from .bends import straightened
 from .crosstalk import with_shared_light
@@ -517,7 +517,7 @@ def simulate(
     decoder = Decoder.of(lattice, picture.pixels.shape, white=flat, reach=geometry.reach)
     even = decoder(flat)
     brightest = float(np.median(even.values[even.weight > 0])) if (even.weight > 0).any() else 1.0
-    noise = PixelNoise(full * brightest, dark, saturation * 0.98).on_veil(known_veil)
+    noise = PixelNoise(full * brightest, dark, saturation * FILLED).on_veil(known_veil)
     noise = noise.dimmed(1.0 if balance is None else balance.evenness)
     rows, columns = _reached(even, inside)
     true = _truth(camera, actual.traced, scene, even)

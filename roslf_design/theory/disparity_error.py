@@ -54,7 +54,7 @@ from .disparity_information import (
 from .f_number import fill_factor
 from .image_parts import whole_light
 from .information_series import interpolated_information
-from .photometry import LARGEST_FILL, NOTHING, Beside, dark_variance, electrons, through_filter, veil_electrons
+from .photometry import FILLED, LARGEST_FILL, NOTHING, Beside, dark_variance, electrons, through_filter, veil_electrons
 from .stop_images import MicrolensImages
 
 WIDEST = 8
@@ -67,10 +67,10 @@ DIRECTIONS, OVERLAPPING, FINER = 3, 1.2, 5
 how many then."""
 SEAM = 0.95
 """Share of each bound from which on its nodes give way to the next, so that sigma has slopes there too."""
-FILLED, BY_CHANCE, WITHIN_REACH = 0.98, 3.0, 3
-"""Part of the full well from which a pixel counts as full where depth is measured; standard errors of noise below that
-from which it may be by chance; places of a texture, each as bright as it happens to be, of which none may be full about
-a microlens that has a depth: counted on walls that are simulated at 60 to 90 % of the full well, to 5 % of it."""
+BY_CHANCE, WITHIN_REACH = 3.0, 3
+"""Standard errors of noise below `FILLED` from which a pixel may be full by chance; places of a texture, each as bright
+as it happens to be, of which none may be full about a microlens that has a depth: counted on walls simulated at
+60 to 90 % of the full well, to 5 % of it."""
 RARE = 2.5
 """Standard deviations of a texture's brightness above its mean at which the full well may lie: 2 % of the field is
 lost."""

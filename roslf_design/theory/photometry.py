@@ -25,6 +25,9 @@ RINGS, SPOKES = 4, 8
 """Places over a microlens image at which slanting light is weighed: to 1e-3 where a tenth of it is left."""
 LONGEST_EXPOSURE = 1 / 60
 """Exposure where none is given [s]: a frame of video."""
+FILLED = 0.98
+"""Part of the full well from which a pixel counts as full where depth is measured: interpolation mixes it with its
+neighbours."""
 LARGEST_FILL = 0.5
 """Part of the full well that the scene's mean fills at most where no exposure is given."""
 

@@ -253,7 +253,8 @@ class _Aim(NamedTuple):
                 deviations = (factors[rows].T[:, :, None] * some[:, None]).reshape(len(some), -1)
                 failed[rows] += (~holding(plan, deviations)).reshape(len(rows), -1).sum(axis=1)
             left = left[failed[left] <= self.trials - self.passed]
-        return [at in left for at in range(len(changed))]
+        holds = set(left.tolist())
+        return [at in holds for at in range(len(changed))]
 
 
 def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[_CostedPart, ...]:
