@@ -153,8 +153,9 @@ class _Tab:
         def handle(*arguments: Any) -> int:
             self.session.ask(name, *arguments)
             self._asked += 1
-            self._fresh = []
-            self._update({"fresh": []})
+            if name not in self.session.of_the_page:
+                self._fresh = []
+            self._update({"fresh": self._fresh})
             self.push()
             return self._asked
 

@@ -366,6 +366,29 @@ def test_what_is_still_of_the_design_before_is_marked_until_it_is_of_the_present
     assert ["false", "true", "true"] in seen  # one picture after another
 
 
+def test_another_room_for_the_pictures_leaves_them_marked_as_of_the_present_design(same_page):
+    page = same_page
+    page.set_viewport_size({"width": 1100, "height": 800})
+    idle(page)
+    seen = page.evaluate(
+        """async () => {
+        const parts = [...document.querySelectorAll(".verdicts, [data-picture]")].filter((each) => each.checkVisibility());
+        const root = document.documentElement, box = document.querySelector("[data-picture=meridional]");
+        const before = box.innerHTML, marked = [];
+        const observer = new MutationObserver(() => marked.push(parts.some((part) => part.ariaBusy === "true")));
+        observer.observe(document.body, { subtree: true, attributes: true, attributeFilter: ["aria-busy"] });
+        document.querySelector(".card-meridional").style.width = "420px";
+        while (box.innerHTML === before) await new Promise((done) => setTimeout(done, 5));
+        while (root.dataset.busy) await new Promise((done) => setTimeout(done, 5));
+        observer.disconnect();
+        document.querySelector(".card-meridional").style.width = "";
+        return marked;
+    }"""
+    )
+    assert not any(seen)
+    idle(page)
+
+
 def test_on_a_narrow_screen_the_numbers_lie_under_a_sheet(same_page):
     page = same_page
     page.set_viewport_size({"width": 420, "height": 900})
