@@ -12,7 +12,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numba
 import numpy as np
@@ -32,6 +32,8 @@ T = TypeVar("T")
 OUT = Path("reports/depth-views")
 NAME = "input_Cam{:03d}.png"
 SEED = 202
+TURNS = 5
+"""Runs of each, in turn, of whose times the middle ones are compared: a machine's speed changes meanwhile."""
 OFF = 0.07
 """Error beyond which a disparity is bad [px from view to view]."""
 LEAST_KNOWN, MOST_OFF, INSIDE, MOST_TIMES = 0.85, 0.06, (0.60, 0.76), 4.0
@@ -50,7 +52,7 @@ class Row(NamedTuple):
     sigma: float
     """Middle one of the errors reported [px]."""
     seconds: float
-    """Of processor, on one thread as the structure tensor's, files read."""
+    """Of processor, on one thread as the structure tensor's, files read; the middle one of `TURNS`."""
     plain_off: float
     """As `off`, of all pixels, of the structure tensor."""
     plain_seconds: float
@@ -67,6 +69,16 @@ class Row(NamedTuple):
     """Rms of the errors reported with these [px]."""
     dense_inside: float
     """Share of these within the errors reported."""
+
+
+class Timed(NamedTuple, Generic[T]):
+    """What work gave, and what it cost."""
+
+    answer: T
+    seconds: float
+    """Of processor."""
+    waited: float
+    """Until the answer was there [s]."""
 
 
 def structure_tensor(folder: Path, across: int, inner: float = 0.8, outer: float = 2.0) -> Floats:
@@ -98,11 +110,11 @@ def written(folder: Path, light_field: MadeViews) -> None:
     (folder / TRUTH).write_bytes(pfm_bytes(light_field.disparity))
 
 
-def timed(work: Callable[[], T]) -> tuple[T, float, float]:
+def timed(work: Callable[[], T]) -> Timed[T]:
     """Answer, processor time and time until it is there [s]."""
     start, began = time.process_time(), time.perf_counter()
     answer = work()
-    return answer, time.process_time() - start, time.perf_counter() - began
+    return Timed(answer, time.process_time() - start, time.perf_counter() - began)
 
 
 def measured(scene: str, light_field: MadeViews) -> Row:
@@ -111,12 +123,17 @@ def measured(scene: str, light_field: MadeViews) -> Row:
     with tempfile.TemporaryDirectory() as place:
         written(Path(place), light_field)
         settings: Any = numba.config
-        threads = settings.NUMBA_NUM_THREADS
-        settings.NUMBA_NUM_THREADS = 1  # kernels ask it at each call; threads beside each other take more time
-        run, seconds, _ = timed(lambda: captured(Path(place), CaptureOptions()).first)
-        plain, plain_seconds, plain_waited = timed(lambda: structure_tensor(Path(place), len(light_field.views)))
-        settings.NUMBA_NUM_THREADS = threads
-        _, _, waited = timed(lambda: captured(Path(place), CaptureOptions()).first)
+        threads = settings.NUMBA_NUM_THREADS  # kernels ask it at each call
+        shared, alone, plains = [], [], []
+        for _ in range(TURNS):
+            shared.append(timed(lambda: captured(Path(place), CaptureOptions()).first))
+            settings.NUMBA_NUM_THREADS = 1  # threads beside each other take more processor time
+            alone.append(timed(lambda: captured(Path(place), CaptureOptions()).first))
+            plains.append(timed(lambda: structure_tensor(Path(place), len(light_field.views))))
+            settings.NUMBA_NUM_THREADS = threads
+    (run, *_), (plain, *_) = alone[0], plains[0]
+    seconds, plain_seconds = (float(np.median([each.seconds for each in turn])) for turn in (alone, plains))
+    waited, plain_waited = (float(np.median([each.waited for each in turn])) for turn in (shared, plains))
     known = run.measured
     error, sigma = np.abs(run.depth - true)[known], run.sigma[known]
     filled = ~known & np.isfinite(run.dense_sigma)
