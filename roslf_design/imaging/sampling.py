@@ -19,16 +19,18 @@ RAYS, RAYS_FOR = 32, (5000.0, 13.0)
 """For each pixel of a textured scene whose pixels hold so many electrons, behind microlens images so many pixels wide
 that no diffraction spreads: errors of depth scatter by up to a twentieth more than without their scatter. Rays scatter
 alike in all exposures, so that what they add to errors reads as bias."""
-LEAST_RAYS, MOST_RAYS = 8, 256
+LEAST_RAYS, MOST_RAYS = 16, 256
+"""Fewest where diffraction leaves blocks of rays apart: 8 of a video-otoscope's pixel shift all depths alike, by half of
+what its noise scatters."""
 TOUCHING, GAPS = 0.93, 2.5
 """Diameter of microlens images over their pitch from which they touch: what rays miss of one at its rim the same rays
 show of its neighbour. Times as many rays where they leave gaps, or stops cut them: errors of depth scatter 1.5 to 2.9
 times as much there, of the cameras of the proof."""
 SPREADING = 1.9
 """Times fewer, at most, where diffraction spreads each one's light over several pixels."""
-ALL_SPREAD, FEWER = 6.0, 2.0
-"""Pixels it spreads light over from which it averages whole blocks of rays spread together, and times fewer still: 4
-rays of a grin-needle's pixel scatter half as much against its noise as 32 of a rigid scope's."""
+ALL_SPREAD, FEWER, LEAST_SPREAD = 6.0, 2.0, 4
+"""Pixels it spreads light over from which it averages whole blocks of rays spread together, times fewer still, and
+the fewest there: 4 rays of a grin-needle's pixel scatter half as much against its noise as 32 of a rigid scope's."""
 TOGETHER = 8
 """Subpixels along the side of blocks whose rays are spread evenly together."""
 FEWER_SAMPLES = 2.0
@@ -57,8 +59,8 @@ def rays_for(camera: Camera, region: Region | None = None, light: float | None =
     kept = 1.0 if region is None else MicrolensImages(camera, looked_at(camera, region)).shapes.kept_fraction.min()
     touching = TOUCHING * abs(float(microlens_image_pitch(camera)))
     wanted *= GAPS if width * pixels * math.sqrt(kept) < touching else 1.0
-    some = float(np.clip(RAYS * wanted / np.clip(blur, 1.0, SPREADING), LEAST_RAYS, MOST_RAYS))
-    some /= FEWER if blur > ALL_SPREAD else 1.0
+    fewer, least = (FEWER, LEAST_SPREAD) if blur > ALL_SPREAD else (1.0, LEAST_RAYS)
+    some = float(np.clip(RAYS * wanted / np.clip(blur, 1.0, SPREADING) / fewer, least, MOST_RAYS))
     return 1 << (math.ceil(some) - 1).bit_length()
 
 
