@@ -7,7 +7,9 @@ from roslf_design.drawing.marks import Image, Line, Text
 from roslf_design.reporting.design.curves import KnownLengths, depth_precision
 from roslf_design.reporting.sheet.lines import basis, datasheet_section
 from roslf_design.reporting.sheet.resolution import mtf_curves, resolution_map
+from roslf_design.theory.light import on_array, sensor_field
 from roslf_design.theory.quantities import QUANTITIES
+from roslf_design.theory.stop_images import MicrolensImages
 
 SCOPE = roslf.load("rigid-scope")
 DARK = roslf.load("paper").replace({"stops": [{"diameter": 4.0, "distance": 40.0}]})
@@ -43,17 +45,18 @@ def test_the_map_is_in_units_and_falls_with_distance():
     assert "lp/mm" in picture.panels[1].y_label
 
 
-def test_dark_fields_are_named_and_nothing_is_drawn_for_them():
+def test_dark_fields_are_named_and_the_map_ends_with_light():
     assert "corner: dark" in mtf_curves(DARK).svg()
-    panel = resolution_map(DARK).panels[0]  # clear of the ticks beside it
-    (word,) = [mark for mark in panel.marks if isinstance(mark, Text)]
-    (x, y), (left, top, width, tall) = (
-        panel.at(word.x, word.y),
-        panel.box,
-    )  # clear of the ticks that stand beside the map
-    assert word.text == "dark"
-    assert left < x + word.dx <= left + width
-    assert top + 10 < y + word.dy < top + tall - 4
+    panel = resolution_map(DARK).panels[0]
+    camera = roslf.Camera.of(DARK)
+    low, high = (np.array([float(v) for v in end]) for end in sensor_field(camera))
+    middle = (low + high) / 2
+    share = np.linspace(1e-6, 1, 201)
+    images = MicrolensImages(camera, on_array(camera, middle + share[:, None] * (high - middle)))
+    light = images.shapes.kept_fraction
+    lit = 100 * share[light.ravel() > 0].max()
+    assert lit - 12 < panel.x.high <= lit + 1  # looked for in tenths of the way to the corner
+    assert panel.x_label.endswith("dark beyond")
     rows = [row for block in datasheet_section(basis(DARK)).blocks for row in getattr(block, "rows", ())]
     assert any(row[1] == "dark" for row in rows)
 

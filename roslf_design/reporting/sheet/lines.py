@@ -809,7 +809,7 @@ def datasheet_section(grounds: SpreadSources, tell: Share = UNHEARD) -> Section:
         f"Fields lie along a diagonal, detail along and across it, where {grounds.design.microlens_array.lens_shape} "
         "microlenses may pass other detail than along their rows. Lines, where any are drawn, join equal resolution."
         if len(drawn.panels) > 1
-        else "It is alike at every field."
+        else "It is alike at every field that has light."
     )
     blocks += [
         Figure.of("mtf", "MTF", curves, mtf_curves(grounds.design, grounds.shown.images)),

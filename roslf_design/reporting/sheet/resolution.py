@@ -76,15 +76,24 @@ def mtf_curves(design: Design, images: IdealImages | DesignImages | None = None)
 def resolution_map(design: Design, at: Sequence[float] = (), tell: Share = UNHEARD) -> Picture:
     """Detail at MTF 50 % of the refocused image, over distance ahead of the tip and field towards the corner.
 
-    It reaches distances asked for, `at` [mm]. A curve over distance where the corner shows as much as the middle.
+    It reaches distances asked for, `at` [mm], and the outermost field that has light. A curve over distance where that
+    shows as much as the middle.
     `tell` hears what share of it is known.
     """
     camera = Camera.of(design)
     low, high = (np.array([float(v) for v in end]) for end in sensor_field(camera))
     share = np.linspace(1e-6, 1.0, COLUMNS)  # the middle, too, has the diagonal for its radius
     middle = (low + high) / 2
-    places = on_array(camera, middle + share[:, None] * (high - middle))
-    images = images_of(design, places)
+
+    def along(share: np.ndarray) -> IdealImages | DesignImages:
+        return images_of(design, on_array(camera, middle + share[:, None] * (high - middle)))
+
+    images = along(share)
+    lit = [k for k in range(1, COLUMNS) if images.transfer(k, None).middle is not None]
+    whole = COLUMNS - 1 in lit
+    if lit and not whole:
+        share *= share[lit[-1]]
+        images = along(share)
     near, focus, far = (at for _, at in planes(camera))
     reached = (float(near), float(min(far, BEYOND * focus)), *at)  # farther out hardly anything changes
     ends = min(reached), max(reached)
@@ -109,16 +118,17 @@ def resolution_map(design: Design, at: Sequence[float] = (), tell: Share = UNHEA
             curve = Line(finer, shown(own, 0, finer), "blue", 2.2)
             up = Scale(0.0, 1.08 * float(np.max(curve.y)))
             panel = Panel((0, 0, 1, 1), ahead, up, (curve,), "ahead of the tip [mm]", "MTF 50 % at [lp/mm]")
-            return one_panel("resolution-map", f"{title}, as much at every field", (PAGE, 190), panel, left=64)
+            every = "as much at every field" + ("" if whole else " that has light")
+            return one_panel("resolution-map", f"{title}, {every}", (PAGE, 190), panel, left=64)
     known = values[np.isfinite(values)]
     top = float(known.max(initial=0.0)) or 1.0
-    x, y = Scale(0.0, 100.0), ahead
+    x, y = Scale(0.0, 100 * float(share[-1])), ahead
     half = 0.5 / (ROWS - 1)
     bottom, over = y.low * (y.low / y.high) ** half, y.high * (y.high / y.low) ** half
     if not deep:
         bottom, over = y.low - half * (y.high - y.low), y.high + half * (y.high - y.low)
-    half_x = 50 / (COLUMNS - 1)
-    shades = Image(np.nan_to_num(values), (-half_x, 100 + half_x, bottom, over), "blue", 0.0, top)
+    half_x = 0.5 * x.high / (COLUMNS - 1)
+    shades = Image(np.nan_to_num(values), (-half_x, x.high + half_x, bottom, over), "blue", 0.0, top)
     marks: list[Mark] = [shades]
     if known.size == values.size:
         marks += _lines(x, y, share * 100, distances, values)
@@ -127,12 +137,11 @@ def resolution_map(design: Design, at: Sequence[float] = (), tell: Share = UNHEA
         darkest = np.flatnonzero(blank.sum(axis=1) == blank.sum(axis=1).max())
         row = int(darkest[len(darkest) // 2])
         at_most = 100 * float(share[blank[row]].mean())
-        side, dx = ("end", -6.0) if at_most > NARROW else ("middle", 0.0)  # its letters stay inside, off the ticks
+        side, dx = ("end", -6.0) if at_most > NARROW * x.high / 100 else ("middle", 0.0)  # letters stay off the ticks
         dy = -8.0 if row == 0 else 14.0 if row == ROWS - 1 else 4.0
-        marks.append(Text(min(at_most, 100.0), float(distances[row]), "dark", "ink", SMALL, side, dx, dy, halo=True))
-    panel = Panel(
-        (0, 0, 1, 1), x, y, tuple(marks), "field, from the middle to the corner [%]", "ahead of the tip [mm]", grid=""
-    )
+        marks.append(Text(min(at_most, x.high), float(distances[row]), "dark", "ink", SMALL, side, dx, dy, halo=True))
+    field = "field, from the middle to the corner [%]" + ("" if whole else "; dark beyond")
+    panel = Panel((0, 0, 1, 1), x, y, tuple(marks), field, "ahead of the tip [mm]", grid="")
     picture = one_panel("resolution-map", title, (PAGE, 210), panel, left=64, right=110)
     return picture.with_panels(colour_bar(picture.panels[0], 0.0, top, "blue", "MTF 50 % at [lp/mm]"))
 
