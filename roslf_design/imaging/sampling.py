@@ -20,8 +20,8 @@ RAYS, RAYS_FOR = 32, (5000.0, 13.0)
 that no diffraction spreads: errors of depth scatter by up to a twentieth more than without their scatter. Rays scatter
 alike in all exposures, so that what they add to errors reads as bias."""
 LEAST_RAYS, MOST_RAYS = 16, 256
-"""Fewest where diffraction leaves blocks of rays apart: 8 of a video-otoscope's pixel shift all depths alike, by half of
-what its noise scatters."""
+"""Fewest where diffraction leaves blocks of rays apart: 8 of a video-otoscope's pixel shift all depths alike, by half
+of what its noise scatters."""
 TOUCHING, GAPS = 0.93, 2.5
 """Diameter of microlens images over their pitch from which they touch: what rays miss of one at its rim the same rays
 show of its neighbour. Times as many rays where they leave gaps, or stops cut them: errors of depth scatter 1.5 to 2.9

@@ -372,7 +372,8 @@ def test_another_room_for_the_pictures_leaves_them_marked_as_of_the_present_desi
     idle(page)
     seen = page.evaluate(
         """async () => {
-        const parts = [...document.querySelectorAll(".verdicts, [data-picture]")].filter((each) => each.checkVisibility());
+        const every = [...document.querySelectorAll(".verdicts, [data-picture]")];
+        const parts = every.filter((each) => each.checkVisibility());
         const root = document.documentElement, box = document.querySelector("[data-picture=meridional]");
         const before = box.innerHTML, marked = [];
         const observer = new MutationObserver(() => marked.push(parts.some((part) => part.ariaBusy === "true")));
