@@ -23,6 +23,7 @@ from ..errors import InputError, refusal
 from ..imaging.camera import planned_camera
 from ..imaging.lens_rays import LENS_EFFECTS
 from ..imaging.render import AROUND, RawImage, method_of, render
+from ..imaging.sampling import MOST_RAYS
 from ..imaging.trace import TOGETHER, RaySampling
 from ..imaging.transfer import halo
 from ..imaging.white import neighbour_interference
@@ -135,9 +136,7 @@ def settle(
     raise _out_of_reach(accuracy, least, f"{job.method}, {_effort(job.ladder[-1][-1])}")
 
 
-def stated(
-    image: RawImage, settled: _Settled | None, accuracy: float | None, budget: Budget, by_noise: bool = False
-) -> Accuracy:
+def stated(image: RawImage, settled: _Settled | None, accuracy: float | None, budget: Budget) -> Accuracy:
     """Accuracy of a picture, measured on it where one was asked for.
 
     Parameters
@@ -148,14 +147,12 @@ def stated(
         That was asked for.
     budget : Budget
         It was made by.
-    by_noise : bool
-        True where its rays are known to stay below the noise drawn in it, instead of the budget.
     """
     budget = budget if settled is None else settled.budget
     job = _Job(image.design, image.scene, image.plan, budget, image.seed, image.region, image.method)
     if settled is None:
-        method, unit, sampled = image.method, UNIT, 2 * max(budget.intensity, 1e-4) if job.ladder else None
-        if by_noise:
+        method, unit, sampled = image.method, UNIT, 2 * max(budget.of("intensity"), 1e-4) if job.ladder else None
+        if image.sampling.below_noise and image.sampling.most < MOST_RAYS:
             full, light = image.scene.light.exposure or 1.0, image.scene.light
             noise = math.hypot(math.sqrt(full * image.scene.brightness), light.read_noise) / full
             unit, sampled = f"{UNIT}, noise apart", OF_NORMAL * BELOW_NOISE * noise
@@ -213,7 +210,7 @@ class _Job:
         rungs = []
         for rays in RAYS:
             fixed = RaySampling(rays, rays, 0.0, self.seed, together=TOGETHER if self.convolved else 1)
-            spread = RaySampling(max(32, rays // 16), rays, self.budget.intensity / 2, self.seed)
+            spread = RaySampling(max(32, rays // 16), rays, self.budget.of("intensity") / 2, self.seed)
             rungs.append((spread, fixed) if rays >= 256 and not self.convolved else (fixed,))
         return tuple(rungs)
 
@@ -247,7 +244,7 @@ class _Job:
         per = sampling.side**2 or sampling.most
         area, count = float(PATCH**2), PATCHES
         if self.convolved:
-            wide = WIDE + 2 * halo(self.transfer, float(self.camera.q), self.budget.intensity)
+            wide = WIDE + 2 * halo(self.transfer, float(self.camera.q), self.budget.of("intensity"))
             area, count = WIDE**2 + AROUND * (wide**2 - WIDE**2), FEW
         return float(count * area * per * (1 + FINER * (2 if sampling.side else 1)))
 

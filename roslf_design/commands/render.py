@@ -20,10 +20,9 @@ from ..effects import Budget, Plan, plan
 from ..errors import InputError, Problem, refusal
 from ..imaging.camera import Region
 from ..imaging.files import check_target, write_image
-from ..imaging.render import noise_rays
 from ..imaging.render import render as compute
-from ..imaging.sampling import MOST_RAYS, render_seconds
-from ..imaging.trace import RaySampling
+from ..imaging.render import sampling_of
+from ..imaging.sampling import render_seconds
 from ..options import Options
 from ..reporting.design.microlens import preview as zooms
 from ..scenes import WHITE_FIELD, load_scene
@@ -70,15 +69,8 @@ class _Options(Options):
         if self.accuracy is not None and (self.budget_px is not None or self.budget_intensity is not None):
             raise refusal("accuracy", "sets the budgets; drop --budget-px and --budget-intensity, or it")
         px = _number("budget_px", self.budget_px or "0.1")
-        return Budget(px=px, intensity=_number("budget_intensity", self.budget_intensity or "1%"), pitch=px)
-
-    def sampling(self, budget: Budget) -> RaySampling | None:
-        """Sampling where its budget is given by hand; else the scene's noise may tell it."""
-        return (
-            None
-            if self.budget_intensity is None
-            else RaySampling(tolerance=max(budget.intensity, 1e-4), seed=self.seed)
-        )
+        given = self.budget_intensity
+        return Budget(px=px, intensity=None if given is None else _number("budget_intensity", given), pitch=px)
 
     def overrides(self) -> list[str]:
         """Effects by hand."""
@@ -155,21 +147,22 @@ def render(
         return
     for each, effects_on, way, target in zip(scenes, plans, settled, targets, strict=True):
         began = time.perf_counter() - settling
-        used, sampling = (budget, options.sampling(budget)) if way is None else (way.budget, way.sampling)
-        by_noise = 0
-        if sampling is None:
-            part = Region.checked(Camera.of(loaded), piece).drawn()
-            by_noise, pixels = noise_rays(loaded, each, effects_on, part), part.columns * part.rows
-            size = f"{pixels / 1e6:.2g} million pixels x {by_noise} rays, to stay below the noise of its exposure"
-            seconds = render_seconds(loaded, pixels, by_noise) if by_noise else 0.0
+        part = Region.checked(Camera.of(loaded), piece).drawn()
+        used, sampling = (
+            (budget, sampling_of(loaded, each, effects_on, budget, part, seed))
+            if way is None
+            else (way.budget, way.sampling)
+        )
+        if sampling.below_noise:
+            pixels, rays = part.columns * part.rows, sampling.most
+            size = f"{pixels / 1e6:.2g} million pixels x {rays} rays, to stay below the noise of its exposure"
+            seconds = render_seconds(loaded, pixels, rays)
             tell_cost(seconds, f"{size}; a smaller --region or --budget-intensity 1% makes it shorter")
         with bar(target.name) as tell:
             image = compute(
                 loaded, each, effects=effects_on, budget=used, seed=seed, region=piece, sampling=sampling, progress=tell
             )
-        statement = replace(
-            stated(image, way, accuracy, budget, 0 < by_noise < MOST_RAYS), seconds=time.perf_counter() - began
-        )
+        statement = replace(stated(image, way, accuracy, budget), seconds=time.perf_counter() - began)
         image = replace(image, accuracy=statement.to_dict())
         held = target.read_bytes() if target.is_file() else b""
         written = [target, write_image(image, target, depth)]

@@ -33,6 +33,8 @@ EFFECTS: tuple[Effect, ...] = (
     waves.NOISE,
 )
 """Every effect known, in the order in which a plan lists them."""
+INTENSITY = 0.01
+"""Budget of intensity where none is given."""
 _BY_NAME = {effect.name: effect for effect in EFFECTS}
 
 
@@ -59,14 +61,15 @@ class Budget:
 
     px: float = 0.1
     """Displacement on the sensor [pixels]."""
-    intensity: float = 0.01
-    """Rms change [fraction of full scale]."""
+    intensity: float | None = None
+    """Rms change [fraction of full scale]. None is `INTENSITY`, and the noise of a scene that states its exposure tells
+    how many rays are traced."""
     pitch: float = 0.1
     """Displacement on the microlens array [pitches]."""
 
     def __post_init__(self) -> None:
         for unit in ("px", "intensity", "pitch"):
-            value = getattr(self, unit)
+            value = self.of(unit)
             if not (value >= 0 and math.isfinite(value)):
                 raise PlanError.about(
                     f"budget.{unit}", f"{value} is no budget; give a number that is not negative, such as 0.1"
@@ -74,7 +77,7 @@ class Budget:
 
     def of(self, unit: Unit) -> float:
         """The budget in one of the units."""
-        return float(getattr(self, unit))
+        return INTENSITY if unit == "intensity" and self.intensity is None else float(getattr(self, unit))
 
 
 @dataclass(frozen=True)

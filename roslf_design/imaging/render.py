@@ -58,6 +58,8 @@ class RawImage(BriefValue):
     seed: int
     method: str
     """"coverage", "harmonics", "convolution" or "rays", as far as it explains the whole scene."""
+    sampling: RaySampling
+    """Rays that each pixel was to get."""
     rays: int
     """Backward rays traced."""
     seconds: float
@@ -112,7 +114,7 @@ def render(
         None makes one from `budget` and `overrides`.
     budget : Budget, optional
         How large an effect may be and still be left out; also the accuracy asked of sampled pixels, where its intensity
-        is not the default's or no noise is drawn.
+        is given or no noise is drawn.
     overrides : iterable of str
         As in `effects.plan`.
     seed : int
@@ -130,7 +132,7 @@ def render(
     threads : int, optional
         None is one for each processor.
     sampling : Sampling, optional
-        Rays per pixel; None follows the budget, or stays well below the noise that is drawn.
+        Rays per pixel; None is `sampling_of`.
     progress : callable
         Told the share of rays, or of rows, that are done.
 
@@ -152,14 +154,11 @@ def render(
     if threads is not None and threads < 1:
         raise refusal("threads", f"{threads} is out of range; give a whole number from 1, or leave it out")
     piece = Region.checked(Camera.of(design), region).drawn()
-    by_noise = 0 if sampling or budget.intensity != Budget().intensity else noise_rays(design, scene, effects, piece)
-    if by_noise:
-        sampling = even_sampling(Camera.of(design.thin_twin), by_noise, seed)
-    sampling = sampling or RaySampling(tolerance=max(budget.intensity, 1e-4), seed=seed)
+    sampling = sampling or sampling_of(design, scene, effects, budget, piece, seed)
     core = None if inner is None else Region.checked(Camera.of(design), inner)
     count = threads or os.cpu_count() or 1
     scenes, whites = _scenes(design, scene.seen_by(design)), list[tuple[ColourFilter | None, _Job]]()
-    if by_noise and scene.surfaces and scene.brightness > 0:
+    if sampling.below_noise and scene.surfaces and scene.brightness > 0:
         mean = {"objects": (White(level=scene.brightness),), "background": 0.0}
         even = [(one, each.model_copy(update=mean)) for one, each in scenes]
         whites = [(one, _Job(design, each, effects, budget, sampling, count, core)) for one, each in even]
@@ -174,7 +173,7 @@ def render(
         for row, band in job.bands(piece, share):
             _put(pixels, row, band, one, design, piece)
         for light, source in job.sources():
-            _put(pixels, 0, light * point_image(source, piece, job.colours, budget.intensity), one, design, piece)
+            _put(pixels, 0, light * point_image(source, piece, job.colours, job.tolerance), one, design, piece)
     camera = jobs[0][1].camera
     for row in range(0, piece.rows, CORE):
         rows = piece._replace(row=piece.row + row, rows=min(CORE, piece.rows - row))
@@ -188,15 +187,20 @@ def render(
             part[:] = change(part, brief, generator)
     seconds = time.perf_counter() - start
     rays = sum(job.rays for _, job in jobs)
-    return RawImage(pixels, piece, design, scene, effects, seed, jobs[0][1].method, rays, seconds)
+    return RawImage(pixels, piece, design, scene, effects, seed, jobs[0][1].method, sampling, rays, seconds)
 
 
-def noise_rays(design: Design, scene: Scene, effects: Plan, region: Region) -> int:
-    """Rays for each pixel that scatter well below the noise drawn in a scene's picture; 0 where none is, or no rays."""
+def sampling_of(
+    design: Design, scene: Scene, effects: Plan, budget: Budget, region: Region, seed: int = 0
+) -> RaySampling:
+    """Rays for each pixel: as exact as the budget of intensity, or where none is given well below the noise drawn."""
     exposure = scene.light.exposure
-    if exposure is None or not effects.on("noise") or method_of(design, scene, effects) != "rays":
-        return 0
-    return rays_for(Camera.of(design.thin_twin), region, exposure * (scene.brightness or 1.0))
+    by_noise = budget.intensity is None and effects.on("noise")
+    if exposure is None or not by_noise or method_of(design, scene, effects) != "rays":
+        return RaySampling(tolerance=max(budget.of("intensity"), 1e-4), seed=seed)
+    camera = Camera.of(design.thin_twin)
+    rays = rays_for(camera, region, exposure * (scene.brightness or 1.0))
+    return replace(even_sampling(camera, rays, seed), below_noise=True)
 
 
 def method_of(design: Design, scene: Scene, effects: Plan) -> str:
@@ -248,7 +252,8 @@ class _Job:
         over: float = 0.0,
     ) -> None:
         self.design, self.scene, self.plan, self.over = design, scene, effects, over
-        self.budget, self.sampling, self.threads = budget, sampling, threads
+        self.budget, self.tolerance = budget, budget.of("intensity")
+        self.sampling, self.threads = sampling, threads
         self.camera = planned_camera(design, effects)
         self.rays, self.done = 0, 0.0
         self.tell: Callable[[float], None] = lambda done: None
@@ -261,7 +266,7 @@ class _Job:
         self.lit: Region | None = None
         self.shown = Region(0, 0, 0, 0)
         if inner is not None and self.traced and not self.transfer.trivial:
-            self.lit = inner.grown(halo(self.transfer, float(self.camera.q), budget.intensity))
+            self.lit = inner.grown(halo(self.transfer, float(self.camera.q), self.tolerance))
         self.series = self._series()
         ways = {
             "points": scene.white is None and not self.traced,
@@ -275,7 +280,7 @@ class _Job:
     def reach(self) -> int:
         """Pixels around the region that scatter into it: defocus is in some layers carried by rays."""
         ways = {self.transfer, replace(self.transfer, defocus=0.0)}
-        return max(near_reach(one, float(self.camera.q), self.budget.intensity) for one in ways)
+        return max(near_reach(one, float(self.camera.q), self.tolerance) for one in ways)
 
     @cached_property
     def layers(self) -> list[_Layer]:
@@ -288,7 +293,7 @@ class _Job:
         layers = [_Layer(light, replace(self.transfer, defocus=0.0), sampling)]
         # Diffraction out of focus is not that in focus spread as rays are: the rest goes on light in focus.
         rest = replace(self.transfer, beyond_rays=True)
-        if self.transfer.wavelengths and rest.largest > NEGLIGIBLE * self.budget.intensity:
+        if self.transfer.wavelengths and rest.largest > NEGLIGIBLE * self.tolerance:
             fewer = sampling.thinned(rest.largest)
             focused, _, fewer = self._rays(self.plan.without("microlens_defocus"), fewer)
             layers.append(_Layer(focused, rest, fewer))
@@ -305,7 +310,7 @@ class _Job:
         elif not self.traced and white is None:
             yield 0, np.zeros((region.rows, region.columns), np.float32)
         else:
-            pixel, tolerance = float(self.camera.q), self.budget.intensity
+            pixel, tolerance = float(self.camera.q), self.tolerance
             self.shown = region
             wide = region if self.transfer.trivial else region.grown(halo(self.transfer, pixel, tolerance))
             due = sum(_effort(*part) for layer in self.layers for part in self._parts(wide, layer.sampling))
@@ -358,7 +363,7 @@ class _Job:
         A pixel's own rays cannot tell it: those that agree by chance would stop, and their error not be averaged.
         """
         transfer, pixel = replace(self.transfer, defocus=0.0), float(self.camera.q)
-        fine, reach, shown = fineness(transfer, pixel), near_reach(transfer, pixel, self.budget.intensity), self.shown
+        fine, reach, shown = fineness(transfer, pixel), near_reach(transfer, pixel, self.tolerance), self.shown
         columns, rows = min(PATCH, shown.columns), min(PATCH, shown.rows)
         corners = np.random.default_rng([sampling.seed, PATCH]).random((PATCHES, 2))
         corners = (corners * [shown.columns - columns + 1, shown.rows - rows + 1]).astype(int) + shown[:2]

@@ -108,6 +108,8 @@ class RaySampling:
     together: int = 1
     """Subpixels along the side of blocks whose rays are spread evenly together, a power of two: what they scatter is
     then opposite in neighbours, and diffraction takes most of it away. Samples behind a real main lens always are."""
+    below_noise: bool = False
+    """Whether rays are so many that what they scatter stays well below the noise drawn in the same picture."""
 
     def thinned(self, share: float) -> RaySampling:
         """Fewer rays, by a share, for what counts little."""

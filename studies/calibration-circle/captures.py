@@ -108,7 +108,7 @@ def capture(design: Design, scene: Scene, seed: int, rays: int = 64) -> Iterator
     lines = {kind: plan(design, scene, None, overrides) for kind, overrides in KINDS.items()}
     width, height = design.pixels
     transfers = [MicrolensTransfer.of(Camera.of(design), line, scene.light.wavelengths) for line in lines.values()]
-    edge = max(halo(transfer, design.q, Budget().intensity) for transfer in transfers)
+    edge = max(halo(transfer, design.q, Budget().of("intensity")) for transfer in transfers)
     wide = Region(-edge, -edge, width + 2 * edge, height + 2 * edge)
     tracer = Tracer.of(design, lines["rays"], scene)
     traced, _ = tracer.image(wide, RaySampling(least=rays, most=rays, seed=seed), _FINE)

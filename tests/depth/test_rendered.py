@@ -38,7 +38,7 @@ def folder(tmp_path_factory):
     few = RaySampling(least=4, most=4, tolerance=1.0)
     for name, scene, sampling in (("raw", step(), None), ("few", step(), few), ("white", None, None)):
         image = roslf.render("paper", scene, region=REGION, sampling=sampling)
-        told = stated(image, None, None, Budget(), sampling is None).to_dict()
+        told = stated(image, None, None, Budget()).to_dict()
         write_image(replace(image, accuracy=told), place / f"{name}.tif")
     return place
 
@@ -92,9 +92,10 @@ def test_rays_scatter_by_less_than_a_third_of_the_noise(monkeypatch, name, size)
 
 def test_a_budget_by_hand_and_scenes_without_noise_are_sampled_as_before():
     part = (2240, 1480, 24, 24)
-    for options in ({"budget": Budget(intensity=0.02)}, {"overrides": ["-noise"]}):
+    by_hand = [{"budget": Budget(intensity=share)} for share in (0.01, 0.02)]  # 1 % is also what none given stands for
+    for options in (*by_hand, {"overrides": ["-noise"]}):
         image = roslf.render("paper", step(), region=part, **options)
-        tolerance = options.get("budget", Budget()).intensity
+        tolerance = options.get("budget", Budget()).of("intensity")
         same = roslf.render("paper", step(), region=part, sampling=RaySampling(tolerance=tolerance), **options)
         assert image.pixels.tobytes() == same.pixels.tobytes()
 
