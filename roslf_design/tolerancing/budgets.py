@@ -209,12 +209,13 @@ def _used(plan: TolerancePlan, target: float, trials: int, count: int, factors: 
 
 
 @lru_cache(maxsize=4096)
-def _failed(plan: TolerancePlan, trials: int, rest: bool, factors: bytes) -> int:
-    """Number of builds that miss a limit among the earliest of so many, or among the rest."""
-    start = trials // EARLIEST
-    deviations = first_draws(plan.draws, trials) * np.frombuffer(factors)[:, None]
-    some = deviations[:, start:] if rest else deviations[:, :start]
-    return int((~holding(plan, some)).sum()) if some.size else 0
+def _failed(plan: TolerancePlan, trials: int, rest: bool, count: int, factors: bytes) -> Array:
+    """Number of builds that miss a limit among the earliest of so many, or among the rest, of each of some changes."""
+    draws, start = first_draws(plan.draws, trials), trials // EARLIEST
+    some, every = draws[:, start:] if rest else draws[:, :start], np.frombuffer(factors).reshape(count, -1)
+    deviations = (every.T[:, :, None] * some[:, None]).reshape(len(some), -1)
+    missed = ~holding(plan, deviations) if some.size else np.zeros(0, np.bool_)
+    return np.asarray(missed.reshape(count, -1).sum(axis=1))
 
 
 class _Aim(NamedTuple):
@@ -232,29 +233,20 @@ class _Aim(NamedTuple):
 
     def held_by(self, builds: _Builds) -> bool:
         """Whether builds do."""
-        failed, factors = 0, builds.factors.tobytes()
-        for rest in (False, True):  # the first of them tell in most cases
-            failed += _failed(builds.plan, self.trials, rest, factors)
-            if failed > self.trials - self.passed:
-                return False
-        return True
+        return self.held_by_each([builds])[0]
 
     def held_by_each(self, changed: Sequence[_Builds], tell: Share = UNHEARD) -> list[bool]:
         """Whether each of several changes of one study holds it: builds of many are measured together."""
-        if not changed:
-            return []
-        plan, left = changed[0].plan, np.arange(len(changed))
-        failed, factors = np.zeros(len(changed), int), np.stack([builds.factors for builds in changed])
-        draws, start = first_draws(plan.draws, self.trials), self.trials // EARLIEST
-        for first, some in ((0.0, draws[:, :start]), (0.5, draws[:, start:])):  # the first of them tell in most cases
-            for at in range(0, len(left), each := max(1, BLOCK // max(some.shape[1], 1))):
-                tell(first + 0.5 * at / len(left))
+        failed, start = np.zeros(len(changed), int), self.trials // EARLIEST
+        left = np.arange(len(changed))
+        for rest, some in ((False, start), (True, self.trials - start)):  # the first of them tell in most cases
+            for at in range(0, len(left), each := max(1, BLOCK // max(some, 1))):
+                tell(0.5 * (rest + at / len(left)))
                 rows = left[at : at + each]
-                deviations = (factors[rows].T[:, :, None] * some[:, None]).reshape(len(some), -1)
-                failed[rows] += (~holding(plan, deviations)).reshape(len(rows), -1).sum(axis=1)
+                factors = np.stack([changed[row].factors for row in rows]).tobytes()
+                failed[rows] += _failed(changed[0].plan, self.trials, rest, len(rows), factors)
             left = left[failed[left] <= self.trials - self.passed]
-        holds = set(left.tolist())
-        return [at in holds for at in range(len(changed))]
+        return [bool(held) for held in failed <= self.trials - self.passed]
 
 
 def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[_CostedPart, ...]:
