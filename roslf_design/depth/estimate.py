@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from ..calibration.decoding import LightField
+from ..theory.photometry import surely_held
 from .bends import window_bends
 from .occlusion import BESIDE_STEP, SETTLED, SIZES, FewViews, Limits, Quarter, beside_steps, past_edges
 from .sides import Parted, parted
@@ -139,11 +140,8 @@ class PixelNoise:
 
     @property
     def brightest(self) -> float:
-        """Electrons that by chance reach saturation once in 700: three standard errors below it."""
-        if self.saturation == math.inf:
-            return math.inf
-        noise = max(math.sqrt(2.25 + self.saturation + self.read_noise**2) - 1.5, 1.0)
-        return self.saturation - 3.0 * noise
+        """Electrons from which a sample may be saturated by chance."""
+        return math.inf if self.saturation == math.inf else surely_held(self.saturation, self.read_noise**2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -54,7 +54,17 @@ from .disparity_information import (
 from .f_number import fill_factor
 from .image_parts import whole_light
 from .information_series import interpolated_information
-from .photometry import FILLED, LARGEST_FILL, NOTHING, Beside, dark_variance, electrons, through_filter, veil_electrons
+from .photometry import (
+    FILLED,
+    LARGEST_FILL,
+    NOTHING,
+    Beside,
+    dark_variance,
+    electrons,
+    surely_held,
+    through_filter,
+    veil_electrons,
+)
 from .stop_images import MicrolensImages
 
 WIDEST = 8
@@ -67,10 +77,9 @@ DIRECTIONS, OVERLAPPING, FINER = 3, 1.2, 5
 how many then."""
 SEAM = 0.95
 """Share of each bound from which on its nodes give way to the next, so that sigma has slopes there too."""
-BY_CHANCE, WITHIN_REACH = 3.0, 3
-"""Standard errors of noise below `FILLED` from which a pixel may be full by chance; places of a texture, each as bright
-as it happens to be, of which none may be full about a microlens that has a depth: counted on walls simulated at
-60 to 90 % of the full well, to 5 % of it."""
+WITHIN_REACH = 3
+"""Places of a texture, each as bright as it happens to be, of which none may be full about a microlens that has a
+depth: counted on walls simulated at 60 to 90 % of the full well, to 5 % of it."""
 RARE = 2.5
 """Standard deviations of a texture's brightness above its mean at which the full well may lie: 2 % of the field is
 lost."""
@@ -213,8 +222,8 @@ def _informations(images: MicrolensImages, plane: Seen, waves: Spectrum | None, 
 
 def _brightest(c: Camera) -> float:
     """Electrons of light that a pixel may hold and be believed not to be full."""
-    room, dark = float(FILLED * c["sensor.full_well"] - veil_electrons(c)), float(dark_variance(c) + veil_electrons(c))
-    return room - BY_CHANCE * math.sqrt(room + dark) if room > 0 else 0.0
+    veil = float(veil_electrons(c))
+    return surely_held(float(FILLED * c["sensor.full_well"]) - veil, float(dark_variance(c)) + veil)
 
 
 def roomy(c: Camera) -> float:

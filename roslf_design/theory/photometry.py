@@ -28,6 +28,8 @@ LONGEST_EXPOSURE = 1 / 60
 FILLED = 0.98
 """Part of the full well from which a pixel counts as full where depth is measured: interpolation mixes it with its
 neighbours."""
+BY_CHANCE = 3.0
+"""Standard errors of noise below `FILLED` from which a pixel may be full by chance: of one in 700."""
 LARGEST_FILL = 0.5
 """Part of the full well that the scene's mean fills at most where no exposure is given."""
 
@@ -172,6 +174,20 @@ def dark_variance(c: Camera) -> Array:
     """Variance that a pixel has without light [electrons^2]: read noise, and rounding to the sensor's steps."""
     step = c["sensor.full_well"] / 2.0 ** c["sensor.bits"]
     return np.asarray(c["sensor.read_noise"] ** 2 + step**2 / 12)
+
+
+def surely_held(room: float, dark: float) -> float:
+    """Electrons of light from which noise may fill a pixel: `BY_CHANCE` times their own noise below what it holds.
+
+    Parameters
+    ----------
+    room : float
+        Electrons of light that fill it.
+    dark : float
+        Variance without light [electrons^2].
+    """
+    half = BY_CHANCE / 2
+    return room - BY_CHANCE * max(math.sqrt(half**2 + room + dark) - half, 1.0)
 
 
 class Beside(NamedTuple):

@@ -13,7 +13,7 @@ from roslf_design.depth.estimate import PixelNoise, estimate_disparity
 from roslf_design.evaluation.specification import darkened
 from roslf_design.scenes import Noise
 from roslf_design.theory.disparity_error import share_full
-from roslf_design.theory.photometry import electrons, exposure
+from roslf_design.theory.photometry import electrons, exposure, surely_held
 from roslf_design.words import number
 from tests.depth.made import disc, exposed
 
@@ -61,6 +61,18 @@ def test_the_field_lost_to_full_pixels_is_what_depth_loses(design, wall, level):
     told = share_full(Camera.of(lit_to(design, level)))
     assert told[0] == pytest.approx(float((views[inside] * level > 1).mean()), abs=0.03)
     assert told[1] == pytest.approx(1 - float(found.measured.mean()), abs=0.07)
+
+
+@pytest.mark.parametrize(("room", "dark"), [(9_800.0, 8.0), (780.0, 120.0), (1e6, 0.0)])
+def test_light_that_noise_may_fill_a_pixel_with_does_so_once_in_700(room, dark):
+    """Three of its own standard deviations below; Poisson's skewness adds where electrons are few."""
+    held = surely_held(room, dark)
+    assert held + 3 * math.sqrt(held + dark) == pytest.approx(room, rel=1e-12)
+    charges = np.random.default_rng(1).poisson(held, 2_000_000) + math.sqrt(dark) * (
+        np.random.default_rng(2).standard_normal(2_000_000)
+    )
+    assert float((charges >= room).mean()) == pytest.approx(1 / 741, rel=0.4)
+    assert PixelNoise(room, math.sqrt(dark), room).brightest == pytest.approx(held, rel=1e-12)
 
 
 def test_warning_and_depth_as_required_follow_the_same_share_without_a_jump(design):
