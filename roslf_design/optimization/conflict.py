@@ -161,11 +161,18 @@ class Conflict:
         }
 
 
-def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudget, seed: int) -> Conflict:
+def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudget, seed: int) -> Conflict | None:
     """Find what stands in the way of a problem, from where searches ended (best first), its base design and others.
 
-    Where the budget is spent, some more is taken.
+    Where the budget is spent, some more is taken; None where somebody has enough: a search cut short tells no conflict.
     """
+    with budget.interruptible():
+        if budget.ended != "stopped":
+            return _explained(problem, points, budget, seed)
+    return None
+
+
+def _explained(problem: DesignProblem, points: Sequence[Array], budget: SearchBudget, seed: int) -> Conflict:
     sided = problem.one_sided()
     pool = _Pool(sided, budget, [*points, *problem.drawn, *sobol_units(problem.n, FRESH_POINTS, seed + 1)])
     every = frozenset(range(len(sided.constraints)))

@@ -173,8 +173,10 @@ class _Ranker:
             results, problem, asked = self._traced(problem, begin)
         else:
             results = self._closed(problem, begin)
-        self.done[number] = True
         designs = [result for result in results if result.feasible]
+        if not designs and self.budget.ended == "stopped":  # what a search missed that was cut short is no reason
+            return
+        self.done[number] = True
         if designs:
             ranked = Ranked(number, min(designs, key=lambda result: result.merit), problem)
             self.best = sorted([*self.best, ranked], key=_order)[: 3 * self.keep]
@@ -267,13 +269,13 @@ class _Ranker:
         def thoroughly(problem: DesignProblem, start: Array, reach: float) -> Search:
             return searched(problem, start, self.budget.at_least(1000, 10.0), tolerance=problem.finest, reach=reach)
 
-        polished, halted = [], self.budget.halted.is_set()
+        polished = []
         for ranked in [each for each in self.best if each.search.merit < self.threshold]:
             problem, best, _ = settled(ranked.problem, ranked.search.unit, FEASIBLE, thoroughly)
             polished.append(Ranked(ranked.number, best, problem))
             if not best.feasible:
                 self.reasons[ranked.number] = _missed(problem, best)
-            if self.budget.halted.is_set() > halted:  # meanwhile: all stay as they are
+            if self.budget.ended == "stopped":  # meanwhile: all stay as they are
                 return
         self.best = sorted((one for one in polished if one.search.feasible), key=_order)[: self.keep]
         if polished and not self.best:
@@ -298,10 +300,11 @@ def rank(
     possible, stopped = ranker.left > 0, False
     try:
         ranker.search(tell)
-        ranker.polish()
+        if budget.ended != "stopped":
+            ranker.polish()
     except KeyboardInterrupt:
         stopped = True
-    stopped = stopped or budget.halted.is_set()
+    stopped = stopped or budget.ended == "stopped"
     ranker.clear()
     optimised, left = int(ranker.done.sum()), ranker.left
     conflict, listed = None, {ranked.number for ranked in ranker.best}
@@ -323,7 +326,7 @@ def rank(
         conflict=conflict,
         left_out=tuple((number, why) for number, why in sorted(ranker.reasons.items()) if number not in listed),
         refused=ranker.refused,
-        stopped=stopped,
+        stopped=stopped or budget.ended == "stopped",
     )
 
 

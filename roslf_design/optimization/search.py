@@ -161,10 +161,9 @@ class SearchBudget:
         return SearchBudget(min(left, evaluations - 1), self.deadline, halted=self.halted)
 
     def at_least(self, evaluations: float, seconds: float) -> SearchBudget:
-        """Budget with at least so much left."""
+        """Budget with at least so much left, unless somebody has enough of it."""
         deadline = max(self.deadline, time.monotonic() + seconds)
-        halted = Event() if self.halted.is_set() else self.halted
-        return replace(self, evaluations=max(self.evaluations, evaluations), deadline=deadline, halted=halted)
+        return replace(self, evaluations=max(self.evaluations, evaluations), deadline=deadline)
 
     @contextmanager
     def interruptible(self) -> Iterator[None]:

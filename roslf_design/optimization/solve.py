@@ -182,7 +182,7 @@ class Answer:
     """Residual of the first-order conditions: length of what no multiplier explains, over the length of the merit's
     gradient; infinite where the merit has none."""
     conflict: Conflict | None
-    """Why nothing is feasible; None where something is."""
+    """Why nothing is feasible; None where something is, or somebody had enough before anything was."""
     searches: tuple[Search, ...]
     checks: tuple[Check, ...]
     stages: tuple[_Stage, ...]
@@ -211,6 +211,13 @@ class Answer:
     def optimal(self) -> bool:
         """Whether it is a design, and not one where what rays tell left a search short of first-order conditions."""
         return self.feasible and not (self.problem.told_at and RESTS < self.residual < math.inf)
+
+    @property
+    def status(self) -> str:
+        """How it ended, in a word."""
+        if self.feasible:
+            return "optimal" if self.optimal else "feasible"
+        return "stopped" if self.conflict is None else "infeasible"
 
     @property
     def runs_off(self) -> bool:
@@ -305,11 +312,8 @@ def _settled_by_rays(problem: DesignProblem, settings: Settings, budget: SearchB
         if problem.traced and not near.feasible:
             budget.heard(tell, "finding what stands in the way")
             conflict = explain(part, [start], budget, settings.seed)
-            if not conflict.feasible_after_all:
-                judged = {limit.label for limit in part.constraints}
-                unjudged = (limit.label for limit in problem.constraints if limit.label not in judged)
-                conflict = replace(conflict, unjudged=tuple(dict.fromkeys(unjudged)))
-                return _unreached(problem, conflict, near, settings, budget)
+            if conflict is None or not conflict.feasible_after_all:
+                return _unreached(problem, part, conflict, near, settings, budget)
             start = conflict.unit
             found = [start]
     if not problem.by_rays:
@@ -349,19 +353,31 @@ def _moved_to(answer: Answer, problem: DesignProblem, end: Search) -> Answer:
 
 
 def _unreached(
-    problem: DesignProblem, conflict: Conflict, near: Search, settings: Settings, budget: SearchBudget
+    problem: DesignProblem,
+    part: DesignProblem,
+    conflict: Conflict | None,
+    near: Search,
+    settings: Settings,
+    budget: SearchBudget,
 ) -> Answer:
-    """Answer where limits of a problem clash that take no rays at fields; a search for them ended `near`."""
-    note = (
-        "limits at single fields were not looked at, since those of the whole camera cannot be held; what would free "
-        "these leaves the others out"
-    )
+    """Answer where limits of a problem clash that take no rays at fields, `part`, or a search for them was stopped."""
+    notes = _notes([near], settings.starts, budget, settings)
+    if conflict is not None:
+        judged = {limit.label for limit in part.constraints}
+        unjudged = (limit.label for limit in problem.constraints if limit.label not in judged)
+        conflict = replace(conflict, unjudged=tuple(dict.fromkeys(unjudged)))
+        near = replace(near, unit=conflict.unit, violation=conflict.violation)
+        note = (
+            "limits at single fields were not looked at, since those of the whole camera cannot be held; what would "
+            "free these leaves the others out"
+        )
+        notes.insert(0, note)
     return Answer(
         problem=problem,
         asked=problem,
-        unit=conflict.unit,
+        unit=near.unit,
         merit=BIG,
-        violation=conflict.violation,
+        violation=near.violation,
         feasible=False,
         active=(),
         residual=0.0,
@@ -372,7 +388,7 @@ def _unreached(
         gradient_error=0.0,
         evaluations=near.evaluations,
         seconds=0.0,
-        notes=(note, *_notes([near], settings.starts, budget, settings)),
+        notes=tuple(notes),
         settings=settings,
     )
 
@@ -522,8 +538,9 @@ def _solve(
         budget.heard(tell, "finding what stands in the way")
         points = [s.unit for s in sorted(searches, key=lambda s: s.violation)]
         conflict = explain(problem, points, budget, settings.seed)
-        best = replace(best, unit=conflict.unit, violation=conflict.violation)
-        if conflict.feasible_after_all:
+        if conflict is not None:
+            best = replace(best, unit=conflict.unit, violation=conflict.violation)
+        if conflict is not None and conflict.feasible_after_all:
             again = searched(problem, conflict.unit, budget, settings.evaluations, problem.finest)
             if again.feasible:
                 searches.append(again)

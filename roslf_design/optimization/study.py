@@ -352,7 +352,8 @@ class Result(BriefValue):
         numbers = {name: number(value) for name, value in answer.variables().items()}
         numbers |= {goal.quantity.name: number(answer.number(goal)) for goal in answer.asked.goals}
         values = ", ".join(f"{name} {value}" for name, value in numbers.items())
-        kind = "best design" if answer.feasible else "no design holds every limit; the least-violating"
+        none = "stopped before a design held every limit" if answer.conflict is None else "no design holds every limit"
+        kind = "best design" if answer.feasible else f"{none}; the least-violating"
         return f"{answer.asked.name}: {kind}: {values}; roslf.report(...) shows all, .to_dict() gives it"
 
     @cached_property
@@ -415,7 +416,7 @@ class Result(BriefValue):
             "study": answer.asked.name,
             "base_design": answer.problem.design.name,
             "seed": self.study.settings.seed,
-            "status": "optimal" if answer.optimal else "feasible" if answer.feasible else "infeasible",
+            "status": answer.status,
             "runs_off": answer.runs_off,
             **lengths_and_numbers(answer.variables()),
             "following_mm": answer.followers(),

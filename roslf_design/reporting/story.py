@@ -562,8 +562,9 @@ def _nothing(result: Result, name: str) -> str:
     """Reason why an optimisation has no design of that name."""
     if not result.answer.feasible:
         conflict = result.answer.conflict
-        why = "its limits cannot hold together" if conflict is None else conflict.reason
-        return f"no design was found to go on with: {why}; roslf optimize reports the ways out"
+        if conflict is None:
+            return "its search was stopped before a design to go on with was found; give it more time"
+        return f"no design was found to go on with: {conflict.reason}; roslf optimize reports the ways out"
     known = ", ".join(file.removesuffix(".toml") for file, _ in result.designs())
     return f"found no '{name}' to take; it has {known}"
 

@@ -1,5 +1,7 @@
 """Fronts, robustness and parts, each against another way to the same."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -248,6 +250,34 @@ def test_a_search_that_is_stopped_keeps_its_best(monkeypatch):
     assert (part.stopped, part.optimised, part.open) == (True, 3, 3)
     every = {ranked.number: ranked.search.merit for ranked in whole.best}
     assert [ranked.search.merit for ranked in part.best] == pytest.approx([every[one.number] for one in part.best])
+
+
+def test_a_search_that_is_stopped_within_a_combination_searches_no_more(monkeypatch):
+    """Ctrl-C within a search ends that, as a budget does: nothing is polished, and what it broke off stays open."""
+    base = PAPER.replace({"D": 2.0, "f": 10.0, "d_f": 40.0, "D_F": 1.0, "d_3": 5.0})
+    problem = posed({"d_2": (0.5, 3.0)}, (), goal("sigma_z_mm", "min", 20.0), design=base)
+    combinations = Combinations.of(problem, small_parts(), ("microlens_arrays", "sensors"))
+    ranking, budget, after = sys.modules["roslf_design.optimization.ranking"], SearchBudget(), []
+    searched, problem_at, asked = ranking.searched, Combinations.problem_at, []
+
+    def counted(*arguments, **options):
+        after.append(budget.ended)
+        return searched(*arguments, **options)
+
+    def stopping(self, number):
+        asked.append(number)
+        if len(asked) == 4:
+            budget.halted.set()
+        return problem_at(self, number)
+
+    monkeypatch.setattr(ranking, "searched", counted)
+    monkeypatch.setattr(Combinations, "problem_at", stopping)
+    part = rank(combinations, 6, budget)
+    assert part.stopped
+    assert part.best
+    assert part.conflict is None
+    assert 1 <= after.count("stopped") <= 2  # the starts of the fourth, none of them a thorough search
+    assert len(asked) == 4
 
 
 def test_what_is_known_of_some_sensors_counts_in_their_designs():

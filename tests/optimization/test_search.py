@@ -168,7 +168,7 @@ def test_a_search_that_is_interrupted_keeps_its_best_point(count):
 
     budget = SearchBudget()
     found = search(Toy(interrupted).vector, (0.1, 0.2), budget)
-    assert budget.ended == budget.at_most(9).ended == "stopped"
+    assert budget.ended == budget.at_most(9).ended == budget.at_least(9, 9.0).ended == "stopped"
     assert found.feasible
     assert best[0] <= found.merit <= 0.6**2 + 0.2**2
     asked[:] = [0] * (count - 1)

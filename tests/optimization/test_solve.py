@@ -234,6 +234,29 @@ def refused():
     return solve(IMPOSSIBLE, Settings(starts=6, check=False))
 
 
+@pytest.mark.parametrize("during", ["searches", "finding what stands in the way"])
+def test_a_search_that_is_stopped_before_a_design_tells_no_conflict(monkeypatch, during):
+    """Ctrl-C while limits are searched for, or while their conflict is: nothing says that they clash."""
+
+    def tell(what, done=0.0, total=0.0):
+        if what == during:
+            raise EnoughError
+
+    stopped = solve(IMPOSSIBLE, Settings(starts=6, check=False), tell)
+    assert (stopped.ended, stopped.feasible, stopped.conflict) == ("stopped", False, None)
+    assert stopped.status == "stopped"
+    assert np.isfinite(stopped.unit).all()
+    assert stopped.violation > 0.1
+    conflict = sys.modules["roslf_design.optimization.conflict"]
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(conflict, "_smallest", interrupted)
+    late = solve(IMPOSSIBLE, Settings(starts=1, check=False))
+    assert (late.ended, late.conflict, late.status) == ("stopped", None, "stopped")
+
+
 def test_no_optimum_is_claimed_and_the_smallest_conflict_is_named(refused):
     assert not refused.feasible
     assert refused.active == ()

@@ -252,6 +252,26 @@ def test_an_impossible_study_exits_0_and_says_so(capsys, tmp_path):
     assert run(capsys, "optimize", tmp_path / "study.toml", "-o", tmp_path / "out", "--strict")[0] == 1
 
 
+def test_a_study_that_is_stopped_before_a_design_says_so(capsys, tmp_path, monkeypatch):
+    conflict = sys.modules["roslf_design.optimization.conflict"]
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(conflict, "_smallest", interrupted)
+    more = "[[constraints]]\nquantity = 'views_independent'\nmin = 50\n[[constraints]]\nquantity = 'fill_factor'"
+    text = GOOD.replace("min = 0.98", f"min = 0.98\n{more}")
+    code, out, err = run(capsys, "optimize", study(tmp_path, text), "-o", tmp_path / "out")
+    assert (code, err) == (130, "")
+    assert "The search was stopped before a design was met that holds every limit" in " ".join(out.split())
+    assert "No design was found" not in out
+    found = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert (found["status"], found["infeasible"], found["trust"]["ended_by"]) == ("stopped", None, "stopped")
+    nearest = roslf.load(tmp_path / "out" / "least-violating.toml")
+    assert nearest.name.endswith("least-violating, best so far")
+    assert not (tmp_path / "out" / "best.toml").exists()
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

@@ -16,6 +16,7 @@ from ...drawing.picture import PAGE, Picture, beside
 from ...evaluation.required import missed_words
 from ...evaluation.verdicts import buildable
 from ...lenses.glass import ROOM
+from ...optimization.conflict import Conflict
 from ...optimization.front import Front
 from ...optimization.goals import Constraint, Goal
 from ...optimization.ranking import Ranking
@@ -132,8 +133,13 @@ def _statements(result: Result) -> Iterator[Statement]:
         given = answer.problem.design.depth.disparity_error is not None
         if note := bound_note((goal.quantity.name for goal in asked), given):
             yield Statement("plain", note)
-    elif answer.conflict is not None:
-        yield _about_conflict(answer)
+    elif answer.conflict is None:
+        text = (
+            "The search was stopped before a design was met that holds every limit: whether there is one is not known."
+        )
+        yield Statement("bad", text, "Give it more time.")
+    else:
+        yield _about_conflict(answer.conflict)
     if result.bore is not None:
         yield _about_bore(result)
     if result.robust is not None:
@@ -330,9 +336,7 @@ def _about_trace(retrace: Retrace) -> Statement:
     return Statement("plain" if good else "caution", f"{text}.", remedy)
 
 
-def _about_conflict(answer: Answer) -> Statement:
-    conflict = answer.conflict
-    assert conflict is not None
+def _about_conflict(conflict: Conflict) -> Statement:
     ways = [
         f"{r.label} {r.feasible_from} instead of {number(r.limit)}{f' {r.unit}' if r.unit else ''}"
         for r in conflict.relaxations
