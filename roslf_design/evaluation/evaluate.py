@@ -29,6 +29,7 @@ from ..options import Distance
 from ..theory import exit_pupil
 from ..theory.depth_budget import COVERAGE, DepthBudget, depth_budget
 from ..theory.depth_error import depth_error, errors_at_fields
+from ..theory.field_of_view import entrance_pupil_from_focus
 from ..theory.focused import FocusedArray
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.limits import as_design
@@ -141,6 +142,7 @@ def evaluate(
     images = evaluate_fields(design, axes, rays)
     pupil = _size(camera.fap.outline, float(exit_pupil.exit_pupil_diameter(camera)))
     image = _size(camera.fap.outline, float(exit_pupil.microlens_image_diameter(camera)))
+    vergence, slope = (float(one) for one in entrance_pupil_from_focus(camera))
     traced = trace_lens(design, axes, non_distortion)
     budget = depth_budget(camera, build=build, calibration=calibration)
     depth, focused = _depth(design, camera, budget), FocusedArray.of(camera)
@@ -166,7 +168,9 @@ def evaluate(
         design=design.name,
         answer=answer,
         **Numbers.of(camera, ""),
-        entrance_pupil=Numbers.of(camera, "entrance_pupil"),
+        entrance_pupil=Numbers.of(
+            camera, "entrance_pupil", vergence_at_focus_per_mm=vergence, diameter_over_distance=slope
+        ),
         exit_pupil=Numbers.of(
             camera,
             "exit_pupil",

@@ -113,6 +113,18 @@ def entrance_pupil_diameter(c: Camera) -> Array:
     return ratio(magnitude(c.seen.D_F), chief_spread(c))
 
 
+def entrance_pupil_from_focus(c: Camera) -> tuple[Array, Array]:
+    """Vergence of the entrance pupil at the focal plane [1/mm], and its diameter over the distance between them.
+
+    1 over that distance, below 0 of a pupil beyond the focal plane; finite where the pupil is at infinity, and 0 where
+    the focal plane is.
+    """
+    plane, seen, endless = c.focus, c.seen, np.isinf(c[PATHS["d_f"]])
+    with np.errstate(invalid="ignore"):
+        away = np.where(endless, np.inf, plane.medium * (plane.b - plane.a * seen.d_3))
+    return ratio(plane.d - plane.c * seen.d_3, away), ratio(magnitude(seen.D_F), magnitude(away))
+
+
 def feet(field: SensorField) -> tuple[Place, ...]:
     """Places of the field's four sides that are nearest to the lens's axis, left, right, below and above [mm]."""
     (x0, y0), (x1, y1) = field

@@ -52,3 +52,15 @@ def test_it_is_the_stop_as_the_scene_sees_it(elements, diameter, ahead):
     assert result.entrance_pupil.diameter_mm == pytest.approx(diameter, rel=1e-12)
     assert result.entrance_pupil.ahead_of_tip_mm == pytest.approx(ahead, rel=1e-12, abs=1e-12)
     assert result.value("entrance_pupil_diameter_mm") == result.entrance_pupil.diameter_mm
+    away = result.answer.working_distance_mm - ahead
+    assert result.entrance_pupil.vergence_at_focus_per_mm == pytest.approx(1 / away, rel=1e-12)
+    assert result.entrance_pupil.diameter_over_distance == pytest.approx(diameter / away, rel=1e-12)
+
+
+def test_at_infinity_its_twins_are_finite():
+    """A stop in the back focal plane of a thin lens: cones of all points of the scene are as wide as it, over f."""
+    result = roslf.evaluate(loads(BENCH + LENS.replace(str(30 + AHEAD), str(30 + F))))
+    pupil = result.entrance_pupil
+    assert abs(pupil.ahead_of_tip_mm) > 1e12
+    assert pupil.vergence_at_focus_per_mm == pytest.approx(0.0, abs=1e-15)
+    assert pupil.diameter_over_distance == pytest.approx(1.5 / F, rel=1e-12)
