@@ -23,7 +23,7 @@ from ..errors import InputError, refusal
 from ..imaging.camera import planned_camera
 from ..imaging.lens_rays import LENS_EFFECTS
 from ..imaging.render import AROUND, RawImage, method_of, render
-from ..imaging.sampling import MOST_RAYS
+from ..imaging.sampling import MOST_RAYS, mean_light
 from ..imaging.trace import TOGETHER, RaySampling
 from ..imaging.transfer import halo
 from ..imaging.white import neighbour_interference
@@ -154,7 +154,8 @@ def stated(image: RawImage, settled: _Settled | None, accuracy: float | None, bu
         method, unit, sampled = image.method, UNIT, 2 * max(budget.of("intensity"), 1e-4) if job.ladder else None
         if image.sampling.below_noise and image.sampling.most < MOST_RAYS:
             full, light = image.scene.light.exposure or 1.0, image.scene.light
-            noise = math.hypot(math.sqrt(full * image.scene.brightness), light.read_noise) / full
+            mean = mean_light(image.scene.seen_by(image.design), Camera.of(image.design.thin_twin), image.region)
+            noise = math.hypot(math.sqrt(full * mean), light.read_noise) / full
             unit, sampled = f"{UNIT}, noise apart", OF_NORMAL * BELOW_NOISE * noise
             method = f"{image.method}, which scatter by less than {percent(BELOW_NOISE)} of the noise drawn"
         expected = job.floor + (sampled or 0.0)

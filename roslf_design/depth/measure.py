@@ -491,7 +491,7 @@ def simulate(
         message = f"fewer than {LEAST} x {LEAST} microlens images lie in it; name a larger part of the sensor"
         raise InputError((Problem("region", message),))
     mean = light_on(scene, actual, part)
-    work = Work.of(design, options, framed)
+    work = Work.of(design, options, framed, mean)
     if again is not None:
         work = work._replace(white=0.0, picture=0.0)
 
@@ -500,7 +500,7 @@ def simulate(
 
     if again is None:
         unexposed = Unexposed.of(
-            design, scene, framed, seed=options.seed, rays=options.rays or rays_for(camera, framed.wide),
+            design, scene, framed, seed=options.seed, rays=options.rays or rays_for(camera, framed.wide, mean),
             progress=doing("picture", work.white, work.picture), white_progress=doing("white", 0.0, work.white),
         )  # fmt: skip
     picture, white = unexposed if again is None else (again.raw, again.white)

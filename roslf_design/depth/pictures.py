@@ -27,6 +27,7 @@ from ..imaging.sampling import (
     SECONDS,
     SLOWER,
     even_sampling,
+    light_met,
     looked_at,
     rays_for,
     render_seconds,
@@ -37,7 +38,7 @@ from ..options import Options, Seed
 from ..scenes import Noise, Plane, Scene
 from ..scenes.scene import chief_ray_limits
 from ..shapes.lattice import PACKINGS
-from ..theory.photometry import electrons, source_in_tip
+from ..theory.photometry import electrons
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from .geometry import ArrayGeometry, depth_of, disparity_of
@@ -192,20 +193,15 @@ def _stretched(design: Design) -> float:
     return max(1.0, float(most) / float(QUANTITIES["object_sample_mm"](geometry.camera)))
 
 
-def _distances_seen(scene: Scene, geometry: ArrayGeometry, region: Region) -> Array:
-    """Distances Z of what chief rays at some places of a region meet of a scene [mm], inf where they meet nothing."""
-    places = looked_at(geometry.camera, region)
-    return seen_distances(scene, geometry.camera, chief_rays(geometry.camera, geometry.traced, places))
+def _rays_seen(geometry: ArrayGeometry, region: Region) -> Array:
+    """Chief rays at some places of a region."""
+    return chief_rays(geometry.camera, geometry.traced, looked_at(geometry.camera, region))
 
 
 def light_on(scene: Scene, geometry: ArrayGeometry, region: Region) -> float:
     """Mean electrons of fully lit pixels of a region, where a scene is as bright as on average."""
-    camera = geometry.camera
-    if not source_in_tip(camera):
-        return float(electrons(camera))
-    met = _distances_seen(scene, geometry, region)
-    ahead = met[np.isfinite(met)] - camera.tip
-    return float(np.mean(electrons(camera, ahead if ahead.size else None)))
+    rays = _rays_seen(geometry, region)
+    return float(electrons(geometry.camera)) * light_met(scene, geometry.camera, rays)
 
 
 def _beside(design: Design, scene: Scene | None, region: Region) -> float:
@@ -213,7 +209,7 @@ def _beside(design: Design, scene: Scene | None, region: Region) -> float:
     geometry = ArrayGeometry(design)
     camera, beside = geometry.camera, BESIDE + _aside(design, region) / 2
     if scene is not None:
-        met = _distances_seen(scene, geometry, region)
+        met = seen_distances(scene, camera, _rays_seen(geometry, region))
         beside += float(np.abs(disparity_of(camera, met[np.isfinite(met)])).max(initial=0.0)) / 2
     return beside
 
@@ -281,11 +277,13 @@ class Work(NamedTuple):
     exposures: int
 
     @classmethod
-    def of(cls, design: Design, options: PictureOptions, framed: Framed | None = None) -> Work:
-        """Work of pictures that a design takes; of a scene that nobody knows yet where `framed` is None."""
+    def of(
+        cls, design: Design, options: PictureOptions, framed: Framed | None = None, light: float | None = None
+    ) -> Work:
+        """Work of pictures that a design takes, by `light_on`; of a scene that nobody knows yet where both are None."""
         camera = Camera.of(design.thin_twin)
         _, wide, _ = framed or Framed.of(design, None, options.part(design))
-        rays = options.rays or rays_for(camera, wide)
+        rays = options.rays or rays_for(camera, wide, light)
         pixels, slower = wide.columns * wide.rows, SLOWER if design.traced_through else 1.0
         if design.thin_twin is not design:
             rays = samples_along(camera, rays) ** 2

@@ -30,7 +30,7 @@ from .camera import Image, ImageLattice, Region, pixel_centres, pixel_response, 
 from .lens_rays import real_camera
 from .point_source import PointSource
 from .points import point_image
-from .sampling import even_sampling, rays_for
+from .sampling import even_sampling, mean_light, rays_for
 from .trace import FEWEST, TOGETHER, RaySampling, Tracer
 from .transfer import CORE, Geometry, bands, blurred, fineness, halo, near_reach
 from .white import MOST_ORDERS, MOST_ROWS, HarmonicSeries, WhiteGeometry, add_falloff, harmonic_series
@@ -158,13 +158,14 @@ def render(
     core = None if inner is None else Region.checked(Camera.of(design), inner)
     count = threads or os.cpu_count() or 1
     scenes, whites = _scenes(design, scene.seen_by(design)), list[tuple[ColourFilter | None, _Job]]()
-    if sampling.below_noise and scene.surfaces and scene.brightness > 0:
-        mean = {"objects": (White(level=scene.brightness),), "background": 0.0}
+    light = mean_light(scene.seen_by(design), Camera.of(design.thin_twin), piece) if sampling.below_noise else 0.0
+    if scene.surfaces and light > 0:
+        mean = {"objects": (White(level=light),), "background": 0.0}
         even = [(one, each.model_copy(update=mean)) for one, each in scenes]
         whites = [(one, _Job(design, each, effects, budget, sampling, count, core)) for one, each in even]
         # Where rays have to tell white as well, they would scatter as much in it.
         whites = [] if any(job.traced for _, job in whites) else whites
-        over = scene.brightness if whites else over
+        over = light if whites else over
     jobs = [(one, _Job(design, each, effects, budget, sampling, count, core, over)) for one, each in scenes] + whites
     pixels = np.zeros((piece.rows, piece.columns), np.float32)
     generator = np.random.default_rng(seed)
@@ -199,7 +200,7 @@ def sampling_of(
     if exposure is None or not by_noise or method_of(design, scene, effects) != "rays":
         return RaySampling(tolerance=max(budget.of("intensity"), 1e-4), seed=seed)
     camera = Camera.of(design.thin_twin)
-    rays = rays_for(camera, region, exposure * (scene.brightness or 1.0))
+    rays = rays_for(camera, region, exposure * (mean_light(scene.seen_by(design), camera, region) or 1.0))
     return replace(even_sampling(camera, rays, seed), below_noise=True)
 
 

@@ -8,11 +8,14 @@ import numpy as np
 
 from ..camera import Camera
 from ..design import Design
+from ..scenes import Scene
+from ..theory.chief_rays import chief_rays
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
-from ..theory.photometry import electrons
+from ..theory.photometry import electrons, source_in_tip
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from .camera import Floats, ImageLattice, Region, pixel_centres
+from .surfaces import seen_distances
 from .trace import RaySampling
 
 RAYS, RAYS_FOR = 32, (5000.0, 13.0)
@@ -80,6 +83,31 @@ def looked_at(camera: Camera, region: Region) -> Floats:
     ends = [(axis[0], axis[-1]) for axis in pixel_centres(camera, region)]
     points = np.stack(np.meshgrid(*(low + share * (high - low) for low, high in ends)), -1).reshape(-1, 2)
     return np.asarray(np.linalg.solve(lattice.image_axes, (points - lattice.image_origin).T).T @ lattice.axes.T)
+
+
+def light_met(scene: Scene, camera: Camera, rays: Floats) -> float:
+    """Mean light where rays meet a scene over that at the focal plane; 1 where no source in the tip lights it.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its distances count from the main lens.
+    camera : Camera
+    rays : ndarray, shape (N, 4)
+        As for `seen_distances`.
+    """
+    focus = source_in_tip(camera)
+    met = seen_distances(scene, camera, rays) if focus else np.empty(0)
+    ahead = met[np.isfinite(met)] - camera.tip
+    return float(np.mean((focus / ahead) ** 2)) if ahead.size else 1.0
+
+
+def mean_light(scene: Scene, camera: Camera, region: Region) -> float:
+    """Light of a scene's surfaces over that of a fully lit pixel, on average of a region."""
+    if not source_in_tip(camera):
+        return scene.brightness
+    rays = chief_rays(camera, tuple(looked_at(camera, region).T))
+    return scene.brightness * light_met(scene, camera, np.stack([*rays.height, *rays.slope], -1))
 
 
 def even_sampling(camera: Camera, rays: int, seed: int) -> RaySampling:

@@ -71,17 +71,26 @@ def test_noise_of_few_rays_is_told_as_that_of_the_rendering(folder):
     assert f"{number(ELECTRONS * level, 4)} electrons in a pixel as bright as most, 2.5 read noise" in words
 
 
-@pytest.mark.parametrize(("name", "size"), [("paper", 40), ("rigid-scope", 40), ("ear-speculum", 32)])
-def test_rays_scatter_by_less_than_a_third_of_the_noise(monkeypatch, name, size):
+@pytest.mark.parametrize(
+    ("name", "size", "share"),
+    [("paper", 40, 1.0), ("rigid-scope", 40, 1.0), ("ear-speculum", 32, 1.0), ("paper", 40, 0.5)],
+)
+def test_rays_scatter_by_less_than_a_third_of_the_noise(monkeypatch, name, size, share):
+    """A wall in focus in even light; one at half the distance, which a source in the tip lights four times as much."""
     design = roslf.load(name)
+    tip = float(roslf.Camera.of(design).tip)
+    place = {} if share == 1 else {"distance": tip + share * (design.d_f - tip)}
+    if place:
+        design = design.replace({"light.measured_at": 150.0})
     monkeypatch.setattr(Plan, "drawn", property(lambda plan: ()))  # the picture as it is before noise
     width, height = design.pixels
     part = ((width - size) // 2, (height - size) // 2, size, size)
     finest = 2.5 * float(roslf.quantity("object_sample_mm")(roslf.Camera.of(design)))
-    wall = Scene.model_validate({"objects": (Plane(texture=Texture(finest=finest)),), "light": LIGHT})
+    wall = Scene.model_validate({"objects": (Plane(texture=Texture(finest=share * finest), **place),), "light": LIGHT})
     one, other = (roslf.render(design, wall, region=part, seed=seed).pixels.astype(float) for seed in (1, 2))
     mean = (one + other) / 2
     lit = mean > 0.1 * np.quantile(mean, 0.99)
+    assert mean[lit].mean() * share**2 == pytest.approx(0.5, abs=0.15)
     noise = np.sqrt(mean[lit] * ELECTRONS + READ**2) / ELECTRONS
     scatter = np.sqrt((((one - other)[lit] ** 2) / 2).mean())
     assert scatter < BELOW_NOISE * np.sqrt((noise**2).mean())
