@@ -109,7 +109,8 @@ class FirstAnswer:
     """Lengths that the working range counts: "as drawn", "as built" or "as calibrated"; None where pixels are no
     views."""
     full_within_mm: float
-    """Distance ahead of the tip nearer than which a source there fills the pixels; 0 of even light."""
+    """Distance ahead of the tip nearer than which full pixels leave most of the field without depth; 0 or infinite of
+    even light."""
     corner_light: float
     """Light at the corner of the field over that in the middle."""
     corner_slant: float

@@ -146,7 +146,8 @@ class DepthAssumptions:
     electrons: float
     """In a pixel that its microlens lights fully, where the scene is as bright as on average, at the focal plane."""
     full_within_mm: float
-    """Distance ahead of the tip nearer than which a source there fills the pixels; 0 of light as bright everywhere."""
+    """Distance ahead of the tip nearer than which more than half of the field has no depth for full pixels, of a source
+    there; of light as bright everywhere 0, or infinite where that is so at any distance."""
     exposure_s: float
     full_well: float
     """Electrons that a pixel holds."""
@@ -186,8 +187,9 @@ class DepthAssumptions:
         """Name, value, remark."""
         lenses, exposure = f"{self.window:g} x {self.window:g}", f"in {number(1e3 * self.exposure_s, 3)} ms"
         spread = self.light_at_distances
-        if self.full_within_mm:
-            spread = f"in focus; {spread}: pixels saturate nearer than {number(self.full_within_mm, 3)} mm"
+        if 0 < self.full_within_mm < math.inf:
+            nearer = f"nearer than {number(self.full_within_mm, 3)} mm most of the field is lost to full pixels"
+            spread = f"in focus; {spread}: {nearer}"
         return [
             ("light", f"{number(self.electrons, 4)} e- a pixel", f"{exposure}, {spread}"),
             ("light, on the scene", self.light, f"full well {number(self.full_well, 4)} e-"),

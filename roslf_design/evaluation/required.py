@@ -33,7 +33,7 @@ from ..theory.depth_budget import (
     depth_budget,
 )
 from ..theory.depth_error import errors_at_fields, expected_error
-from ..theory.disparity_error import roomy, share_full
+from ..theory.disparity_error import MOST_LOST, roomy, share_full
 from ..theory.focused import has_views, pupil_remedy
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.limits import AT_FIELD, OFF_AXIS, as_design, held_by_builds, limits
@@ -68,9 +68,9 @@ AS_BUILT = (
 """Remedy of a depth that is held by the lengths as drawn alone."""
 
 
-OF_DEPTH, LEFT_OUT, MOST = ("u_z_mm", "sigma_z_mm"), 0.05, 0.5
-"""Depths that full pixels leave without; shares of the field without depth from which one is met in the rest alone, and
-from which it is not met."""
+OF_DEPTH, LEFT_OUT = ("u_z_mm", "sigma_z_mm"), 0.05
+"""Depths that full pixels leave without; share of the field without depth from which one is met in the rest alone, up
+to `MOST_LOST`."""
 CHARGE = "pixel_electrons"
 DETAIL = "detail_lp_per_mm"
 SHARPER = "a better corrected lens, a smaller FAP or a smaller sensor lets more of the field hold it"
@@ -480,8 +480,8 @@ def _reserved(
         met, counts, remedy = _of_charge(camera, at, value, ends, met)
     elif met and quantity.name in OF_DEPTH and (lost := _left_out(camera, at)) > LEFT_OUT:
         counts = clauses(counts, f"without depth, for full pixels: about {percent(lost)} of the field")
-        only = clauses(only, "where pixels are not full", by=", ") * (lost <= MOST)
-        met, remedy = lost <= MOST, clauses(_with_room(camera, at), remedy)
+        only = clauses(only, "where pixels are not full", by=", ") * (lost <= MOST_LOST)
+        met, remedy = lost <= MOST_LOST, clauses(_with_room(camera, at), remedy)
     return met, counts, only, remedy
 
 

@@ -27,11 +27,11 @@ from ..theory import field_of_view, light, tube
 from ..theory.colours import ColourFilter, filters
 from ..theory.depth_error import depth_error, seen_at
 from ..theory.depth_of_field import Kind, depth_of_field
-from ..theory.disparity_error import view_gradient
+from ..theory.disparity_error import full_within, view_gradient
 from ..theory.focused import FocusedArray, has_views
 from ..theory.light import on_array
 from ..theory.limits import as_design
-from ..theory.photometry import exposure, full_within, through_filter
+from ..theory.photometry import exposure, through_filter
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import Quantity, Way
 from ..theory.resolution import Direction
@@ -649,7 +649,7 @@ def depth_assumptions(design: Design, camera: Camera, error: float) -> DepthAssu
     across = min(float(QUANTITIES[name](camera)) for name in ("views_independent", "views_geometric"))
     return DepthAssumptions(
         electrons=float(QUANTITIES["pixel_electrons"](camera)),
-        full_within_mm=float(full_within(camera)),
+        full_within_mm=full_within(camera),
         full_well=float(camera["sensor.full_well"]),
         light=_light_words(design.light)[0],
         light_at_distances=_light_words(design.light)[1],

@@ -10,14 +10,16 @@ from typing import NamedTuple
 from ..camera import Camera
 from ..theory.depth_budget import DepthBudget, depth_budget
 from ..theory.depth_of_field import depth_of_field
+from ..theory.disparity_error import full_within
 from ..theory.field_of_view import focus_ahead
-from ..theory.photometry import full_within
 from ..words import clauses, number
 
 TENTH = 0.1
 """Share of the distance up to which its expanded uncertainty U leaves depth of use."""
 RULE = f"U is {100 * TENTH:g} % of the distance"
 """House's rule of the end, in words."""
+LOST = "more than half of the field has no depth, for full pixels"
+"""House's rule of the beginning in a light that is too strong nearer, in words."""
 FAR = 1e3
 """Distance that is looked about where the focal plane is at none [mm]."""
 REACH, STEP, GUESS, CLOSE, LARGE = 5.0, 1.5, 0.1, 2e-3, 30.0
@@ -39,18 +41,19 @@ class WorkingRange(NamedTuple):
     lengths: str = "as drawn"
     """How its budget of depth takes lengths."""
     full_within: float = 0.0
-    """Distance nearer than which a source in the tip fills the pixels; 0 of even light."""
+    """Distance nearer than which full pixels leave most of the field without depth; 0 or infinite of even light."""
 
     @classmethod
     def of(cls, camera: Camera, budget: BudgetAt | None = None) -> WorkingRange:
         """Range of a camera, by its budget of depth; None is that of its lengths as drawn."""
         near, far = (float(end) for end in depth_of_field(camera, "view"))
-        focus, full = float(focus_ahead(camera)), float(full_within(camera))
+        focus, full = float(focus_ahead(camera)), full_within(camera)
         start = focus if 0 < focus < math.inf else FAR
-        start = start if start > full else min(math.exp(GUESS) * full, far)
+        start = start if start > full or full >= far else min(math.exp(GUESS) * full, far)
         budget = budget or partial(depth_budget, camera)
         focused = budget(start, worst=False)
-        return cls(near, far, _useful_to(budget, max(near, full), start, focused, far), focused.lengths, full)
+        useful = math.nan if full >= far else _useful_to(budget, max(near, full), start, focused, far)
+        return cls(near, far, useful, focused.lengths, full)
 
     @property
     def ends(self) -> tuple[float, float] | None:
@@ -71,7 +74,7 @@ class WorkingRange(NamedTuple):
     @property
     def begins(self) -> str:
         """Reason why it begins where it does, in words; empty where single views are sharp from there on."""
-        return "nearer, pixels are full" if self.full_within > self.near else ""
+        return f"nearer, {LOST}" if self.full_within > self.near else ""
 
     @property
     def stops(self) -> str:
@@ -85,10 +88,11 @@ class WorkingRange(NamedTuple):
     def remark(self) -> str:
         """Reasons for both ends, or why there is none, in words."""
         if self.ends is None:
-            return clauses(
-                f"single views are sharp from {_from_to(self.near, self.sharp_to)}, but {RULE} or more there",
-                f"pixels are full nearer than {number(self.full_within, 3)} mm" * bool(self.begins),
-            )
+            sharp = f"single views are sharp from {_from_to(self.near, self.sharp_to)}, but"
+            if self.full_within >= self.sharp_to:
+                return f"{sharp} {LOST}, there"
+            nearer = f"nearer than {number(self.full_within, 3)} mm {LOST}" * bool(self.begins)
+            return clauses(f"{sharp} {RULE} or more there", nearer)
         return clauses(self.begins, self.stops)
 
 

@@ -83,6 +83,11 @@ depth: counted on walls simulated at 60 to 90 % of the full well, to 5 % of it."
 RARE = 2.5
 """Standard deviations of a texture's brightness above its mean at which the full well may lie: 2 % of the field is
 lost."""
+LEVELS = 15.0
+"""Logarithm of electrons over the full well, either way, within which it is looked how much of the field is lost."""
+MOST_LOST = 0.5
+"""Share of the field that full pixels may leave without depth: where more has none, a required depth is not met, and
+the working range has not begun. Who wants depth there gets none at most places, however well it is known at others."""
 CELL_PLACES = 16
 """Places along a side of the lattice's cell at which is looked how many pixels are full."""
 
@@ -242,22 +247,51 @@ def share_full(c: Camera, at: Number | None = None, *, neighbours: bool = True) 
 
     With the light of `neighbours` where images overlap, or as if they did not.
     """
+    return _shares_full(c, float(electrons(c, at)) * (_light_of_cells(c) if neighbours else np.ones((1, 1))))
+
+
+def full_within(c: Camera) -> float:
+    """Distance ahead of the tip nearer than which more than `MOST_LOST` of the field is lost to full pixels [mm].
+
+    Of light as bright everywhere 0, or infinite where that is lost.
+    """
+    from scipy.optimize import brentq
+
+    cells, stated = _light_of_cells(c), c.numbers.get("light.measured_at")
+
+    def excess(level: float) -> float:
+        """Share lost beyond that, by the logarithm of a fully lit pixel's electrons."""
+        return _shares_full(c, math.exp(level) * cells)[1] - MOST_LOST
+
+    well = math.log(float(c["sensor.full_well"]))
+    low, high = well - LEVELS, well + LEVELS
+    most = math.exp(brentq(excess, low, high)) if excess(low) < 0 else 0.0
+    lit = float(electrons(c, stated))
+    if stated is None:
+        return math.inf if lit > most else 0.0
+    return float(stated) * math.sqrt(lit / most) if most else math.inf
+
+
+def _light_of_cells(c: Camera) -> Array:
+    """Light of all images at places of the lattice's cell, over that of a fully lit pixel."""
     images, rise = MicrolensImages(panchromatic(c), [(0.0, 0.0)]), PACKINGS[c.layout].rise
-    lit, room = float(electrons(c, at)), float(c["sensor.full_well"] - veil_electrons(c))
-    contrast, dark = _texture_contrast(c), float(dark_variance(c) + veil_electrons(c))
+    if not overlapping(float(fill_factor(c)), rise, images.openings.first_is_disc) > FULL:
+        return np.ones((1, 1))
+    places = (np.arange(CELL_PLACES) + 0.5) / CELL_PLACES
+    x, y = places, np.concatenate([places, 1 + places]) * rise  # rows of hexagonal arrays alternate
+    return np.asarray(whole_light(images, x, y))
 
-    def share(charge: Array, most: float) -> Array:
-        light = np.maximum(charge, 0.0)
-        return normal_share((charge - most) / np.sqrt(light + dark + np.square(contrast * light)))
 
-    alone = not overlapping(float(fill_factor(c)), rise, images.openings.first_is_disc) > FULL
-    charge = np.full((1, 1), lit)
-    if neighbours and not alone:
-        places = (np.arange(CELL_PLACES) + 0.5) / CELL_PLACES
-        x, y = places, np.concatenate([places, 1 + places]) * rise  # rows of hexagonal arrays alternate
-        charge = lit * whole_light(images, x, y)
-    one = float(share(charge, _brightest(c)).mean())
-    return float(share(charge, room).mean()), 1.0 - (1.0 - one) ** WITHIN_REACH
+def _shares_full(c: Camera, charge: Array) -> tuple[float, float]:
+    """`share_full` of pixels whose mean charge is known [electrons]."""
+    light, contrast = np.maximum(charge, 0.0), _texture_contrast(c)
+    scatter = np.sqrt(light + float(dark_variance(c) + veil_electrons(c)) + np.square(contrast * light))
+
+    def share(most: float) -> float:
+        return float(normal_share((charge - most) / scatter).mean())
+
+    room = float(c["sensor.full_well"] - veil_electrons(c))
+    return share(room), 1.0 - (1.0 - share(_brightest(c))) ** WITHIN_REACH
 
 
 def disparity_sigmas(images: MicrolensImages, plane: Seen, besides: tuple[Beside, ...] = (NOTHING,)) -> Array:

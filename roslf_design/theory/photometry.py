@@ -135,12 +135,6 @@ def source_in_tip(c: Camera) -> float:
     return focus if "light.measured_at" in c.numbers and 0 < focus < math.inf else 0.0
 
 
-def full_within(c: Camera) -> Array:
-    """Distance ahead of the tip nearer than which a source there fills such a pixel [mm]; 0 of even light."""
-    stated, room = c.numbers.get("light.measured_at", 0.0), c["sensor.full_well"] - veil_electrons(c)
-    return np.asarray(stated * np.sqrt(ratio(product(_electron_rate(c), exposure(c)), room)))
-
-
 def veil_electrons(c: Camera) -> Number:
     """Electrons of veiling light in every pixel, whatever its own light."""
     return c["light.veil"] * c["sensor.full_well"]

@@ -85,6 +85,9 @@ def test_warning_and_depth_as_required_follow_the_same_share_without_a_jump(desi
         assert bool([text for text in result.warnings if "of the field has no depth" in text]) is (lost > 0.05)
         assert one.met is (lost <= 0.5)
         assert ("where pixels are not full" in one.only) is (0.05 < lost <= 0.5)
+        ((_, told, why),) = (row for row in result.answer.rows if row[0].startswith("working range"))
+        assert (told == "none") is (lost > 0.5)
+        assert ("but more than half of the field has no depth, for full pixels, there" in why) is (lost > 0.5)
         assert "missed by -" not in one.verdict.text
         outcomes.append(lost)
     assert outcomes[0] < 0.01

@@ -14,7 +14,8 @@ from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling
 from roslf_design.scenes import Noise, Plane, Scene, Uniform
 from roslf_design.theory.colours import filters
-from roslf_design.theory.photometry import electrons, full_within, through_filter
+from roslf_design.theory.disparity_error import full_within, share_full
+from roslf_design.theory.photometry import electrons, through_filter
 from roslf_design.traced.fields import images_of
 
 SCOPE = roslf.load("rigid-scope").replace({"light.exposure": 1e-3, "light.veil": 0.05})
@@ -82,23 +83,26 @@ def test_an_automatic_exposure_is_that_of_the_stated_distance():
     assert float(electrons(Camera.of(lit), 2 * STATED)) == pytest.approx(0.125 * lit.sensor.full_well)
 
 
-def test_pixels_saturate_where_their_electrons_and_the_veil_fill_the_well():
-    camera = Camera.of(LIT)
+@pytest.mark.parametrize("wider", [1.0, 1.3])
+def test_pixels_are_full_where_even_light_as_strong_leaves_half_of_the_field_without_depth(wider):
+    """By halving; of images that overlap as well, whose light adds up."""
+    design = LIT.replace({"aperture.diameter": wider * LIT.D_F})
     low, high = 1.0, 1000.0
-    for _ in range(80):
+    for _ in range(60):
         middle = math.sqrt(low * high)
-        full = float(electrons(camera, middle)) + 0.05 * LIT.sensor.full_well > LIT.sensor.full_well
+        full = share_full(Camera.of(evenly(design, middle)))[1] > 0.5
         low, high = (middle, high) if full else (low, middle)
-    assert float(full_within(camera)) == pytest.approx(low, rel=1e-9)
-    assert math.isinf(float(roslf.quantity("u_z_mm")(camera, low / 2)))
-    assert float(full_within(Camera.of(SCOPE))) == 0
+    assert full_within(Camera.of(design)) == pytest.approx(low, rel=1e-9)
+    assert math.isinf(float(roslf.quantity("u_z_mm")(Camera.of(design), low / 2)))
+    for near, within in ((1.01 * low, 0.0), (low / 1.01, math.inf)):  # in even light all distances are alike
+        assert full_within(Camera.of(evenly(design, near))) == within
 
 
 def test_the_working_range_begins_where_pixels_are_no_longer_full():
     lit = LIT.replace({"light.exposure": 4e-3})
     within, even = (WorkingRange.of(Camera.of(one)) for one in (lit, lit.replace({"light.measured_at": None})))
     assert within.near == even.near < within.full_within == within.ends[0]
-    assert "nearer, pixels are full" in within.remark
+    assert "nearer, more than half of the field has no depth, for full pixels" in within.remark
     answer = roslf.evaluate(lit, at=within.full_within / 2).answer
     assert answer.at[1].cells[2:4] == ("none", "pixels are full")
     assert answer.working_range_mm == within.ends

@@ -45,8 +45,9 @@ from ...progress import UNHEARD, Share, part_of
 from ...tables import csv_bytes
 from ...theory.colours import GREEN
 from ...theory.depth_budget import COVERAGE, DepthBudget, depth_budget
+from ...theory.disparity_error import full_within
 from ...theory.field_of_view import focus_ahead
-from ...theory.photometry import full_within, through_filter
+from ...theory.photometry import through_filter
 from ...theory.quantities import QUANTITIES, noise_words
 from ...theory.quantity import Listed, Quantity
 from ...theory.resolution import FieldTransfer
@@ -305,7 +306,7 @@ def _lines(
     yield from _whole_camera("Field of view", camera, angles)
     near, far = sheet.depth_of_field_mm.view
     useful = math.nan if sheet.useful_to_mm is None else sheet.useful_to_mm
-    within = WorkingRange(near, far, useful, budgets[None].lengths, float(full_within(camera)))
+    within = WorkingRange(near, far, useful, budgets[None].lengths, full_within(camera))
     yield from _range_lines(within)
     if (assumed := sheet.depth_precision.assumes) is not None:
         filled = f"{number(assumed.electrons, 4)} of {number(assumed.full_well, 4)} electrons a pixel in focus"
