@@ -612,9 +612,11 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
             enough = roomy(camera) >= LARGEST_FILL * design.sensor.full_well * (1 - FEASIBLE)
             other = ", or none given," * (given and enough)
             ways = f"light.exposure of {number(1e3 * room * float(exposure(camera)), 3)} ms or less{other}"
+        part = "a small part exposed to its own mean, as in `roslf depth`, may lose less"
+        whole = f" (over the whole sensor, of detail of every size: {part})" * (design.depth.period is None)
         yield (
             f"{percent(full[0])} of the pixels saturate{cause}: about {percent(full[1])} of the field has no "
-            f"depth, as the texture's bright places fill the well; {ways} leaves room"
+            f"depth, as the texture's bright places fill the well{whole}; {ways} leaves room"
         )
     corner = float(sensor_field(camera).radius)
     beyond = float(outer_slope(camera, corner)) / camera.lens.told_to

@@ -212,6 +212,8 @@ def test_overexposed_pictures_are_saturated_not_occluded(times):
     assert trial.unknown()[DisparityStatus.SATURATED.reason] > 0.8
     assert sum(trial.unknown().values()) == pytest.approx(trial.unknown()[DisparityStatus.SATURATED.reason], abs=0.02)
     assert not any("neither light nor texture" in line.text for line in statements(trial))
+    (told,) = (line.text for line in statements(trial) if line.text.startswith("Is the exposure right?"))
+    assert "of the part looked at, exposed to its own mean" in told
 
 
 def walls(name):

@@ -82,7 +82,9 @@ def test_warning_and_depth_as_required_follow_the_same_share_without_a_jump(desi
         lit = lit_to(asked, level)
         result, lost = roslf.evaluate(lit), share_full(Camera.of(lit))[1]
         (one,) = result.required
-        assert bool([text for text in result.warnings if "of the field has no depth" in text]) is (lost > 0.05)
+        told_of = [text for text in result.warnings if "of the field has no depth" in text]
+        assert bool(told_of) is (lost > 0.05)
+        assert all("over the whole sensor" in text for text in told_of)
         assert one.met is (lost <= 0.5)
         assert ("where pixels are not full" in one.only) is (0.05 < lost <= 0.5)
         ((_, told, why),) = (row for row in result.answer.rows if row[0].startswith("working range"))

@@ -142,6 +142,11 @@ def statements(trial: Trial) -> Iterator[Statement]:
             f"{trial.electrons:.4g} electrons, of {trial.raw.design.sensor.full_well:.5g} that a pixel holds; the "
             f"brightest {'get' if trial.brightest > 1 else 'reach'} {trial.brightest * 100:.0f} % of that."
         )
+        if trial.raw.design.depth.period is None:
+            text += (
+                " That is of the part looked at, exposed to its own mean; `roslf evaluate` counts a texture over the "
+                "whole sensor, whose coarse detail makes whole parts brighter: there more of the field may be lost."
+            )
         remedy = f"Expose {0.9 / max(trial.brightest, 0.9):.2g} times as long (light.exposure)."
         yield Statement("bad" if trial.saturated > 1 - FEW else "caution", text, remedy)
     yield known(trial, summary)
