@@ -30,6 +30,7 @@ from .specification import (
     FieldImages,
     FieldOfView,
     ObjectField,
+    depth_light,
     resolved,
 )
 from .working_range import WorkingRange, ranges
@@ -111,6 +112,9 @@ class FirstAnswer:
     full_within_mm: float
     """Distance ahead of the tip nearer than which full pixels leave most of the field without depth; 0 or infinite of
     even light."""
+    depth_light: str
+    """Exposure and light that the working range and depths are told for, in words; empty where the design gives the
+    disparity's error, or pixels are no views."""
     corner_light: float
     """Light at the corner of the field over that in the middle."""
     corner_slant: float
@@ -213,6 +217,7 @@ class FirstAnswer:
             "" if medium == "air" else medium,
             focus,
             *ranges(within),
+            "" if within is None else depth_light(shown.design, camera, within.ends),
             *_corner_light(images, farthest),
             _evened_by(shown, farthest),
             float(QUANTITIES[tube.INSERTED](camera)),
@@ -271,7 +276,9 @@ class FirstAnswer:
             useful = math.nan if self.useful_to_mm is None else self.useful_to_mm
             lengths = self.working_range_lengths or ""
             within = WorkingRange(*self.sharp_views_mm, useful, lengths, self.full_within_mm)
-            rows.append((within.label, within.value, within.remark))
+            rows.append(
+                (within.label, within.value, clauses(within.remark, self.depth_light and f"with {self.depth_light}"))
+            )
         light = f"{number(100 * self.corner_light, 3)} %"
         more = "; the lens draws the scene smaller there" if self.corner_light > SMALLER else ""
         rows.append((f"light {self.outer_words}", light, f"of that in the middle of the field{more}"))

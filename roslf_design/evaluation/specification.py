@@ -31,14 +31,14 @@ from ..theory.disparity_error import full_within, view_gradient
 from ..theory.focused import FocusedArray, has_views
 from ..theory.light import on_array
 from ..theory.limits import as_design
-from ..theory.photometry import exposure, through_filter
+from ..theory.photometry import electrons, exposure, through_filter
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import Quantity, Way
 from ..theory.resolution import Direction
 from ..theory.stop_images import MicrolensImages
 from ..traced.fields import DesignImages, IdealImages, images_of
 from ..traced.images import measured_bound
-from ..words import number
+from ..words import clauses, number
 from .fields import default_fields, place_off_axis, round_radius
 from .groups import DepthAssumptions
 from .working_range import BudgetAt, WorkingRange
@@ -632,9 +632,20 @@ def _light_words(light: Light) -> tuple[str, str]:
     return on_scene, f"falls as 1/z² from {number(light.measured_at, 4)} mm"
 
 
-def darkened(assumed: DepthAssumptions | None, ends: tuple[float, float] | None) -> str:
-    """Caution that a source in the tip would darken the far end of a deep working range; empty where it would not."""
-    if assumed is None or assumed.full_within_mm or ends is None or not ends[0] > 0 or ends[1] <= DEEP * ends[0]:
+def depth_light(design: Design, camera: Camera, ends: tuple[float, float] | None) -> str:
+    """Exposure that depth is told for, and how its light goes with distance, in words; empty where the error is given.
+
+    With a caution where a source in the tip would darken the far end of a deep working range.
+    """
+    if design.depth.disparity_error is not None:
+        return ""
+    charge = f"{number(float(electrons(camera)), 4)} of {number(design.sensor.full_well, 4)} electrons a pixel in focus"
+    told = f"{charge} in {number(1e3 * float(exposure(camera)), 3)} ms, {_light_words(design.light)[1]}"
+    return clauses(told, _darkened(design.light, ends))
+
+
+def _darkened(light: Light, ends: tuple[float, float] | None) -> str:
+    if light.measured_at is not None or ends is None or not ends[0] > 0 or ends[1] <= DEEP * ends[0]:
         return ""
     left = "no light" if math.isinf(ends[1]) else f"1/{number((ends[1] / ends[0]) ** 2, 2)} of the light"
     return (

@@ -10,7 +10,7 @@ from scipy import ndimage
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.depth.estimate import PixelNoise, estimate_disparity
-from roslf_design.evaluation.specification import darkened
+from roslf_design.evaluation.specification import depth_light
 from roslf_design.scenes import Noise
 from roslf_design.theory.disparity_error import share_full
 from roslf_design.theory.photometry import electrons, exposure, surely_held
@@ -158,5 +158,19 @@ def test_the_light_that_depth_rests_on_is_told_with_how_it_goes_with_distance():
     for one in (even, falls):
         assert one.light in str(one)
         assert one.light_at_distances in str(one)
-    assert "1/16 of the light" in darkened(even, (10.0, 40.0))
-    assert darkened(even, (10.0, 29.0)) == darkened(falls, (10.0, 40.0)) == darkened(None, (1.0, 9.0)) == ""
+    tip, given = scope.replace({"light.measured_at": 30.0}), scope.replace({"depth.disparity_error": 0.1})
+
+    def told(design, *ends):
+        return depth_light(design, Camera.of(design), ends)
+
+    assert "1/16 of the light" in told(scope, 10.0, 40.0)
+    for words in (told(scope, 10.0, 29.0), told(tip, 10.0, 40.0)):
+        assert "of the light" not in words
+    assert told(given, 1.0, 9.0) == ""
+    # The first screen has the same words beside its working range as the sheet.
+    for design in (scope, tip):
+        answer = roslf.evaluate(design).answer
+        ((_, _, remark),) = (row for row in answer.rows if row[0].startswith("working range"))
+        assert remark.endswith(told(design, *answer.working_range_mm))
+        ms = number(1e3 * float(exposure(Camera.of(design))), 3)
+        assert f"in {ms} ms" in remark

@@ -35,7 +35,7 @@ from ...evaluation.specification import (
     Resolved,
     Specification,
     corner,
-    darkened,
+    depth_light,
     specification,
 )
 from ...evaluation.verdicts import as_sharp, full_well_doubt, lit
@@ -309,9 +309,7 @@ def _lines(
     within = WorkingRange(near, far, useful, budgets[None].lengths, full_within(camera))
     yield from _range_lines(within)
     if (assumed := sheet.depth_precision.assumes) is not None:
-        filled = f"{number(assumed.electrons, 4)} of {number(assumed.full_well, 4)} electrons a pixel in focus"
-        time = f"in {number(1e3 * assumed.exposure_s, 3)} ms"
-        told = clauses(time, filled, assumed.light_at_distances, darkened(assumed, within.ends))
+        told = depth_light(design, camera, within.ends)
         yield _SheetLine("Distances", "light that depth assumes", None, "", told, "", assumed.light)
     yield from _whole_camera("Distances", camera, {})
     yield from _expected_lines(budgets)
