@@ -158,14 +158,14 @@ def render(
     core = None if inner is None else Region.checked(Camera.of(design), inner)
     count = threads or os.cpu_count() or 1
     scenes, whites = _scenes(design, scene.seen_by(design)), list[tuple[ColourFilter | None, _Job]]()
-    light = mean_light(scene.seen_by(design), Camera.of(design.thin_twin), piece) if sampling.below_noise else 0.0
-    if scene.surfaces and light > 0:
-        mean = {"objects": (White(level=light),), "background": 0.0}
+    level = mean_light(scene.seen_by(design), Camera.of(design.thin_twin), piece) if sampling.below_noise else 0.0
+    if scene.surfaces and level > 0:
+        mean = {"objects": (White(level=level),), "background": 0.0}
         even = [(one, each.model_copy(update=mean)) for one, each in scenes]
         whites = [(one, _Job(design, each, effects, budget, sampling, count, core)) for one, each in even]
         # Where rays have to tell white as well, they would scatter as much in it.
         whites = [] if any(job.traced for _, job in whites) else whites
-        over = light if whites else over
+        over = level if whites else over
     jobs = [(one, _Job(design, each, effects, budget, sampling, count, core, over)) for one, each in scenes] + whites
     pixels = np.zeros((piece.rows, piece.columns), np.float32)
     generator = np.random.default_rng(seed)
