@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import refusal
 from ..toml_files import nearest
 from ..units import read_quantity
-from .entries import CLOSE, MODELS, Entry
+from .entries import CLOSE, ELECTRONS, MODELS, Entry
 
 COMPARE: Mapping[str, Callable[[Any, Any], Any]] = {"=": eq, "<": lt, "<=": le, ">": gt, ">=": ge}
 LENGTHS = frozenset(
@@ -102,11 +102,12 @@ def parse_condition(text: str) -> tuple[str, str, float | str]:
         raise ValueError(f"'{key}' is no key of a part; {_instead(key, known)}")
     if key in LENGTHS or key == "acceptance":
         return key, sign, read_quantity(value, "length" if key in LENGTHS else "angle")
-    if key == "pixels":
+    if key == "pixels" or key in ELECTRONS:
         try:
             return key, sign, float(value)
         except ValueError:
-            raise ValueError(f'"{value}" is no number of pixels; write e.g. "pixels>=400"') from None
+            what, some = ("pixels", 400) if key == "pixels" else ("electrons", 5000)
+            raise ValueError(f'"{value}" is no number of {what}; write e.g. "{key}>={some}"') from None
     if sign != "=":
         raise ValueError(f"'{key}' holds words, which {sign} does not compare; write {key}={value}")
     return key, sign, value

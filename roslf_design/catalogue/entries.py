@@ -30,8 +30,11 @@ from ..words import length
 Kind = Literal["lenses", "microlens_arrays", "sensors", "windows"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 Confidence = Literal["measured", "datasheet", "secondary", "unverified", "typical"]
-"""measured: by whom the provenance says; datasheet: read in the maker's own; secondary: read where others quote the
-maker; unverified: stated without a source at hand; typical: a size that many makers list, not one part."""
+"""measured: by whom the provenance says; datasheet: read in the maker's own, of a sensor also in that of a camera with
+it; secondary: read where others quote the maker, or in part; unverified: stated without a source at hand; typical: a
+size that many makers list, not one part."""
+ELECTRONS = ("full_well", "read_noise")
+"""Keys of a sensor's numbers of electrons."""
 
 Gives = Mapping[str, Callable[[Any], Any]]
 """Place of a design to what a part has there."""
@@ -116,7 +119,8 @@ class Entry(Option):
         for place, value in (self.numbers | self.declared).items():
             key, _, axis = place.partition(".")[2].partition(".")
             dimension = "angle" if key == "acceptance" else "length"
-            text = format_quantity(value, dimension) if isinstance(value, float) else value
+            is_plain = key in ELECTRONS or not isinstance(value, float)
+            text = value if is_plain else format_quantity(value, dimension)
             table[key] = [*table.get(key, ()), text] if axis else text
         return table
 
@@ -266,12 +270,17 @@ class _SensorPart(Entry):
     declares: ClassVar[Gives] = {
         "sensor.acceptance": attrgetter("acceptance"),
         "sensor.colours": attrgetter("colours"),
+        **{f"sensor.{key}": attrgetter(key) for key in ELECTRONS},
     }
 
     pixel: Length
     pixels: tuple[int, int]
     acceptance: Angle | None = None
     """Angle at which a pixel takes half of the light [rad]; None where nothing is known."""
+    full_well: Annotated[float, Field(gt=0)] | None = None
+    """Electrons that a pixel holds; None where nothing is known."""
+    read_noise: Annotated[float, Field(ge=0)] | None = None
+    """Rms [electrons]; None where nothing is known."""
     colours: Colours | None = None
     """Filters on its pixels; None where it is sold with and without, or nothing is known."""
     mono_too: StrictBool = False

@@ -11,7 +11,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from ..catalogue import KINDS, Kind, load_catalogue, parse_condition, read_condition, rows
-from ..catalogue.entries import NAMED
+from ..catalogue.entries import ELECTRONS, NAMED
 from ..lenses.glass import catalogue as materials
 from ..lenses.lens_file import shipped_names
 from ..lenses.solid import opaque_solids
@@ -21,10 +21,17 @@ from .terminal import Json, Repeated, json_text, say
 SHOWN: dict[Kind, tuple[str, ...]] = {
     "lenses": ("diameter", "clear_aperture", "focal_length", "prescription"),
     "microlens_arrays": ("pitch", "layout", "lens_shape", "focal_length", "effective_focal_length", "size"),
-    "sensors": ("pixel", "pixels", "size", "filters", "package", "acceptance"),
+    "sensors": ("pixel", "pixels", "size", "filters", "package", "acceptance", *ELECTRONS),
     "windows": ("material", "diameter", "clear_aperture", "thickness"),
 }
 """Columns of each kind, but those in which no part has anything."""
+SORTED: dict[Kind, tuple[str, ...]] = {
+    "lenses": ("focal_length", "diameter"),
+    "microlens_arrays": ("pitch", "focal_length"),
+    "sensors": ("size",),
+    "windows": ("diameter", "thickness"),
+}
+"""Keys by which parts of each kind are sorted, the least first."""
 TRACED = [name.upper() for name in shipped_names()]
 """Lenses that ship with their surfaces."""
 
@@ -52,7 +59,7 @@ def catalogue(
     """
     conditions = {text: read_condition(text) for text in where or []}
     known = load_catalogue(file or [])
-    every = list(rows(known, kind or KINDS))
+    every = sorted(rows(known, kind or KINDS), key=_rank)
     chosen = [row for row in every if all(condition(row) for condition in conditions.values())]
     if json:
         print(json_text({"schema": "roslf.catalogue/1", "parts": chosen, "prescriptions": TRACED, "solids": _solids()}))
@@ -148,6 +155,12 @@ def _theirs(every: Sequence[Mapping[str, Any]], text: str) -> str:
     return f"; {len(own)} have such a value, from {least} to {largest}"
 
 
+def _rank(row: Mapping[str, Any]) -> tuple[int, list[float]]:
+    """Place of a part in the list: its kind, then what those of its kind are sorted by."""
+    kind: Kind = row["kind"]
+    return KINDS.index(kind), [float(number) for key in SORTED[kind] for number in np.ravel(row[key])]
+
+
 def _unit(rows: Sequence[Mapping[str, Any]], key: str) -> tuple[float, str]:
     """Factor and unit of all lengths of a column: micrometres where each is below a millimetre."""
     values = [row[key] for row in rows if isinstance(row.get(key), (int, float, list, tuple))]
@@ -157,11 +170,13 @@ def _unit(rows: Sequence[Mapping[str, Any]], key: str) -> tuple[float, str]:
 def _cell(row: Mapping[str, Any], key: str, unit: tuple[float, str]) -> str:
     value = row.get(key)
     if value is None:
-        return "not stated" if key in ("package", "acceptance") else ""
+        return "not stated" if key in ("package", "acceptance", *ELECTRONS) else ""
     if isinstance(value, str):
         return value
     if key == "acceptance":
         return f"{math.degrees(value):.4g} deg"
+    if key in ELECTRONS:
+        return f"{value:.6g} e-"
     if key == "pixels":
         return " x ".join(str(number) for number in value)
     numbers = value if isinstance(value, (list, tuple)) else [value]

@@ -291,9 +291,9 @@ def test_what_is_known_of_some_sensors_counts_in_their_designs():
     assert (told.colours, told.pixel) == ("BGGR", pytest.approx(1.4e-3))
     assert 2.0 ** -((np.radians(24.0) / told.acceptance) ** 2) == pytest.approx(0.8, abs=0.005)
     assert (sensors["IMX250"].colours, sensors["IMX250"].acceptance) == ("mono", None)
-    for text in ("acceptance>=30 deg", "colours=BGGR"):
+    for text, names in (("acceptance>=30 deg", ["OV5647"]), ("colours=BGGR", ["OV5647", "IMX708"])):
         condition = read_condition(text)
-        assert [row["part"] for row in rows(parts, ("sensors",)) if condition(row)] == ["OV5647"]
+        assert [row["part"] for row in rows(parts, ("sensors",)) if condition(row)] == names
 
 
 def test_the_shipped_catalogue():
@@ -318,7 +318,7 @@ def test_conditions_on_parts():
 
     assert names("pitch<=0.1 mm") == {"18-00079", "paper 63 um / 2 mm", "generic 100 um / 2.1 mm"}
     assert names("maker=thorlabs", "pitch>150 um") == {"MLA300-14AR"}
-    assert names("pixels>=4000") == {"EOS 90D sensor"}
+    assert names("pixels>=4000") == {"EOS 90D sensor", "IMX540", "IMX541"}
     assert names("filters=rggb") == names("colours=RGGB") != set()
     small = {row["part"] for row in every if "package" in row and max(row["package"]) <= 1.0}
     assert names("package<=1 mm") == small != set()
