@@ -32,6 +32,7 @@ from ..reporting.tolerance.pages import (
     tables,
     tolerance_pictures,
     tolerance_report,
+    travel_words,
 )
 from ..tables import plain_text
 from ..tolerancing.result import analyse, builds_of_analyses, precision, save_worst, trial_arrays, trials_for
@@ -185,6 +186,7 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
         first = "with the cheapest change and all" if result.budget.changes else "with all"
         yield Paragraph(f"Budget: {first} tolerances to relax, yield {share_words(result.budget.result)}{saved}")
     yield Paragraph(depth_sentence(result.depth, result.plan))
+    yield from (Paragraph(travel_words(result, use)) for use in result.adjusters)
     shown = tables(result, brief=True)
     yield from shown
     yield Paragraph("\nOf each metric the weakest field; all fields in results.json.")

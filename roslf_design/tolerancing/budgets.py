@@ -19,9 +19,9 @@ import numpy as np
 from .._arrays import Array
 from ..progress import UNHEARD, Share, part_of
 from .draws import Draws
-from .places import GradeLine, Grades, expand, nominal_values, parse_tolerance, perturbable
-from .study import CALIBRATION, Adjuster, Study, TolerancePlan
-from .trials import BLOCK, holding, measure_finally
+from .places import Aim, GradeLine, Grades, expand, nominal_values, parse_tolerance, perturbable
+from .study import CALIBRATION, Adjuster, Study, TolerancePlan, focused_twice
+from .trials import BLOCK, focus_travel, holding, measure_finally
 from .yields import (
     DEAR,
     EARLIEST,
@@ -51,6 +51,8 @@ SCREENED = 0.5
 """Share of a search of single changes that is done once it is known of which parts a perfect one suffices, about."""
 SINGLE, SEVERAL = 0.5, 0.8
 """Shares of a search that are done after single changes and after several, about."""
+FINER = 1.05
+"""Share of the largest travel that a focusing thread is told to have, in two digits."""
 LOST_ROOM = 1e9
 """Share of its limits' margin that a build counts for which is no camera."""
 UNNOTICED = 0.002
@@ -109,11 +111,13 @@ class Change:
     """More than now, in the grades file's unit; None where some cost is not known."""
     result: Yield
     """Its yield; of one that reaches the target yield on fresh builds, the interval not below it."""
+    aim: Aim | None = None
+    """What an adjustment moves a part to."""
 
     def to_dict(self) -> dict[str, Any]:
         """As results have it."""
         steps = [{"place": place, "grade": grade, "to": to} for place, grade, to in self.steps]
-        return {"kind": self.kind, "steps": steps, "cost": self.cost, **self.result.to_dict()}
+        return {"kind": self.kind, "aim": self.aim, "steps": steps, "cost": self.cost, **self.result.to_dict()}
 
 
 @dataclass(frozen=True)
@@ -305,7 +309,7 @@ def budget(
         reaching = [
             sure
             for change, builds in adjusted
-            for sure in _sure("adjustment", change.steps[0], change.cost, builds, target, change.result)
+            for sure in _sure("adjustment", change.steps[0], change.cost, builds, target, change.result, change.aim)
         ]
         reaching += _single(now, parts, grades, target, trials, part_of(tell, 0.0, SINGLE))
         reaching += _several(now, parts, grades, target, trials)
@@ -373,11 +377,17 @@ def _single(
 
 
 def _sure(
-    kind: Kind, step: tuple[str, str, float], cost: float | None, builds: _Builds, target: float, first: Yield
+    kind: Kind,
+    step: tuple[str, str, float],
+    cost: float | None,
+    builds: _Builds,
+    target: float,
+    first: Yield,
+    aim: Aim | None = None,
 ) -> Iterator[tuple[Change, _Builds]]:
     """A change of one step, where its yield is the target for sure; `first` of the builds that it is searched by."""
     if first.value >= target and (result := builds.judged(first.trials)).interval[0] >= target:
-        yield Change(kind, (step,), cost, result), builds
+        yield Change(kind, (step,), cost, result, aim), builds
 
 
 def _tightened(now: _Builds, part: _CostedPart, aim: _Aim) -> float | None:
@@ -392,7 +402,7 @@ def _tightened(now: _Builds, part: _CostedPart, aim: _Aim) -> float | None:
 
 def _adjusted(now: _Builds, grades: Grades, trials: int) -> Iterator[tuple[Change, _Builds]]:
     """Changes by one more adjustment, whatever they reach."""
-    plan = now.plan
+    plan, missed = now.plan, now.plan.draws.perturbations
     design = plan.question.design
     kinds, nominal = perturbable(design), nominal_values(design)
     own = {adjuster.place for adjuster in plan.adjusters}
@@ -409,10 +419,15 @@ def _adjusted(now: _Builds, grades: Grades, trials: int) -> Iterator[tuple[Chang
             reach = parse_tolerance(line.range, kinds[places[0]], 1.0) if line.range else math.inf
             lengths = [abs(nominal[place]) for place in places if place.endswith(".distance") and nominal[place]]
             reach = min([reach, *(HALF * length for length in lengths)])
-            other = replace(plan, adjusters=(*plan.adjusters, *(Adjuster(place, reach) for place in places)))
+            if line.aim == "focus":  # no farther than builds want
+                travel = focus_travel(plan, first_draws(plan.draws, trials))
+                reach = min(reach, float(f"{FINER * travel:.1e}"))
+                if not travel or any(focused_twice((Adjuster(places[0], reach, line.aim), *plan.adjusters), missed)):
+                    continue
+            other = plan.with_adjusters(*(Adjuster(place, reach, line.aim) for place in places))
         builds, few = now._replace(plan=other), min(trials, curve_trials(other))
         result = Yield(builds.passed(few), few)
-        yield Change("adjustment", ((line.place, "", reach),), line.cost, result), builds
+        yield Change("adjustment", ((line.place, "", reach),), line.cost, result, line.aim), builds
 
 
 def _several(

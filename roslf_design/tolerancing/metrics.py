@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._arrays import Array
+from ..bore.chain import MEDIUM
 from ..bore.conjugates import CONJUGATES
 from ..bore.main_lens import IdealMainLens, RealMainLens, SheetMainLens
 from ..bore.part import TEMPERATURE
 from ..camera import TEMPERATURES, Camera, Number
 from ..design import PATHS, Design
 from ..evaluation.specification import FieldImages, rays_tell
+from ..theory.field_of_view import focus_ahead
 from ..theory.quantities import DECODED, QUANTITIES
 from ..theory.quantity import Quantity
 from .ideal import IdealBuilds
@@ -38,6 +40,8 @@ DISTANT = {name: quantity for name, quantity in QUANTITIES.items() if name not i
 
 SHAPES = frozenset({"kept_fraction", "image_area_mm2", "axis_ratio"})
 """Metrics of the shapes that rims leave of images."""
+IN_USE = frozenset((TEMPERATURE, MEDIUM, PATHS["wavelength"]))
+"""Places that tell where a camera is used, not how it is built."""
 WORTH_ASKING = 0.9
 """Share of builds that are cameras below which these alone are measured: the others' numbers mean nothing."""
 
@@ -302,6 +306,22 @@ def builds_of(
     if not valid.all():
         camera = nominal.replace({place: np.where(valid, value, nominal[place]) for place, value in changes.items()})
     return mount.builds(camera, rest, afresh), valid & mount.sound
+
+
+def focus_moves(question: Question, values: Mapping[str, Array], trials: int) -> Array:
+    """Moves of the array that focus builds at assembly, shape (trials,) [mm]; NaN where no place of it would.
+
+    In focus is then what stands as far ahead of each one's tip as the design has it, in the design's own temperature,
+    medium and light. Parameters as for `evaluate_builds`.
+    """
+    _, plane, distance = CONJUGATES
+    with np.errstate(all="ignore"):
+        built = {place: numbers for place, numbers in values.items() if place not in IN_USE}
+        mount = _mount(question.design, built, trials)
+        camera = mount.nominal.replace(mount.changes)
+        asked = camera.tip + focus_ahead(mount.nominal)
+        focused = camera.chain.followed({**camera.numbers, plane: asked}, distance)
+        return np.broadcast_to(np.subtract(focused, camera[distance]), (trials,))
 
 
 def faults_of(question: Question, values: Mapping[str, Array], trials: int) -> dict[str, NDArray[np.bool_]]:

@@ -13,12 +13,12 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
-from pydantic import BeforeValidator, Field, create_model
+from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from ..bore.chain import MEDIUM
-from ..bore.conjugates import REFRACTING
+from ..bore.conjugates import CONJUGATES, REFRACTING
 from ..bore.elements import element_name
 from ..bore.opening import DIAMETER
 from ..bore.part import TEMPERATURE
@@ -33,6 +33,11 @@ from ..units import FARTHEST, read_quantity, within_reach
 from ..words import angle
 
 Value = TypeVar("Value")
+
+Aim = Literal["limits", "focus"]
+"""What a part is moved to on each build: where the limits hold best, or where the camera is in focus as designed."""
+FOCUSING = CONJUGATES[2]
+"""Place of the part that focuses: the array, with the sensor behind it."""
 
 SHORT = {"relay": "sensor.relay_magnification", "rotation": "microlens_array.rotation"}
 """Short names beside the paper's symbols."""
@@ -178,6 +183,14 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
 def _matching(known: Iterable[str], name: str) -> tuple[str, ...]:
     pattern = re.compile(re.escape(name).replace(r"\*", r"\d+") + r"(\.\d)?")
     return tuple(place for place in known if pattern.fullmatch(place))
+
+
+def focus_fault(aim: Aim, names: Iterable[str]) -> str:
+    """Words on what cannot be moved to the focus among places or their symbols; empty where nothing is wrong."""
+    others = [name for name in names if PATHS.get(name, name) != FOCUSING]
+    if aim != "focus" or not others:
+        return ""
+    return f"'focus' is set by {FOCUSING} (d_1), not by {others[0]}; name that place, or leave out aim"
 
 
 def short_name(place: str, design: Design | None = None) -> str:
@@ -369,10 +382,18 @@ class _AdjustmentLine(StrictTable):
     """A part that could be adjusted on each build, or "calibration" of the decoder, and what that costs."""
 
     place: str
+    aim: Aim = "limits"
+    """As of a study's compensator."""
     range: str = ""
     """How far it can be moved either way; empty for calibration."""
     cost: _Cost
     provenance: str
+
+    @model_validator(mode="after")
+    def _focuses(self) -> _AdjustmentLine:
+        if fault := focus_fault(self.aim, (self.place,)):
+            raise ValueError(fault)
+        return self
 
 
 @dataclass(frozen=True)

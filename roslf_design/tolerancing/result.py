@@ -121,6 +121,23 @@ class _Precision:
         return self.accuracy.to_dict(times) | {"standard_errors": plain(errors)}
 
 
+@dataclass(frozen=True)
+class AdjusterUse:
+    """How far an adjuster moved over all builds."""
+
+    adjuster: Adjuster
+    travel: float
+    """Largest move either way [mm or rad]."""
+    at_end: int
+    """Builds in which it rests at the end of its range."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """As results have it."""
+        one = self.adjuster
+        told = {"place": one.place, "aim": one.aim, "range": one.reach}
+        return told | {"travel": self.travel, "trials_at_end": self.at_end}
+
+
 @by_value
 @dataclass(frozen=True)
 class StudyResult(BriefValue):
@@ -155,6 +172,8 @@ class StudyResult(BriefValue):
     """Covariance of the builds' lengths, adjusted where anything is."""
     precision: _Precision | None = None
     """Standard errors of the run; None where nobody asked."""
+    adjusters: tuple[AdjusterUse, ...] = ()
+    """What is adjusted on each build."""
     tracing: tuple[str, ...] = ()
     """How builds behind a real lens were traced; nothing where it is ideal."""
 
@@ -257,6 +276,7 @@ class StudyResult(BriefValue):
             "perturbations": [{name: getattr(p, name) for name in missed} for p in draws.perturbations],
             "groups": [{"group": name, "correlation": rho} for name, rho in draws.correlations],
             "variants": [variant.to_dict() for variant in self.variants],
+            "compensators": [one.to_dict() for one in self.adjusters],
             "depth_expected": None if (depth := self.depth) is None else depth.to_dict(),
             "sensitivity": {
                 "columns": columns,
@@ -456,6 +476,7 @@ def analyse(
         worst=worst,
         warnings=(*tracing, *_warnings(plan, variants, rss, misses, moves)),
         built=lengths_built(plan),
+        adjusters=tuple(map(AdjusterUse, plan.adjusters, tally.travel.tolist(), tally.at_end.tolist())),
         tracing=tracing,
     )
 

@@ -15,7 +15,7 @@ from ..camera import Camera
 from ..theory.quantities import QUANTITIES
 from .draws import sobol_points
 from .metrics import mount_of
-from .places import of_parts
+from .places import FOCUSING, Aim, of_parts
 from .study import Adjuster, TolerancePlan
 from .summaries import Variant
 from .trials import BLOCK, differences, final_faults, measure, measure_finally
@@ -40,8 +40,8 @@ LINEAR = 0.1
 """|RSS / Monte Carlo - 1| above which a response counts as not linear."""
 AMONG, LOST = 4096, 128
 """Builds among which those that cannot be put together are looked for, and how many of these are tried again."""
-FOCUSING, TOGETHER, FEW, STEPS = "microlens_array.distance", 0.99, 1024, (1, 1.5, 2, 3, 5, 7)
-"""Focusing; share of the builds that it is to put together, of so many at most; ranges that are tried, in a decade."""
+TOGETHER, FEW, STEPS = 0.99, 1024, (1, 1.5, 2, 3, 5, 7)
+"""Share of the builds that focusing is to put together, of so many at most; ranges that are tried, in a decade."""
 RESAMPLES = 256
 """Bootstrap samples of Sobol indices."""
 
@@ -131,11 +131,12 @@ def put_together(plan: TolerancePlan) -> Array:
 def least_reach(plan: TolerancePlan) -> tuple[Adjuster, float] | None:
     """Smallest focusing range, up to d_1/2, that lets `TOGETHER` of builds be put together, and the share that can."""
     others = tuple(adjuster for adjuster in plan.adjusters if adjuster.place != FOCUSING)
+    aim: Aim = next((adjuster.aim for adjuster in plan.adjusters if adjuster.place == FOCUSING), "limits")
     deviations = first_draws(plan.draws, min(plan.trials, FEW))
     for reach in (step * 10.0**decade for decade in range(-2, 3) for step in STEPS):
         if reach > plan.question.design.d_1 / 2:
             break
-        adjusted = replace(plan.limited, adjusters=(*others, Adjuster(FOCUSING, reach)))
+        adjusted = replace(plan.limited, adjusters=(*others, Adjuster(FOCUSING, reach, aim)))
 
         def lost(some: Array, plan: TolerancePlan = adjusted) -> NDArray[np.bool_]:
             return np.asarray(np.isnan(measure_finally(plan, some)).all(axis=0))

@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import compress
@@ -53,7 +53,17 @@ from ..words import number
 from .draws import Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
 from .metrics import DISTANT, METRICS, SHAPES, Column, Question, evaluate_builds, faults_of, mount_of, share_by_rays
-from .places import LENSLETS, SHIPPED, Grades, expand, load_grades, nominal_values, tolerance_at
+from .places import (
+    LENSLETS,
+    SHIPPED,
+    Aim,
+    Grades,
+    expand,
+    focus_fault,
+    load_grades,
+    nominal_values,
+    tolerance_at,
+)
 
 Only = Literal["yield"]
 """Analyses of a study that are asked for alone."""
@@ -68,7 +78,7 @@ MOST_MEMORY, SOBOL_ROWS = 1 << 30, 600
 
 SAME_PLACE = 1e-9
 """Distance below which two fields are one [mm]."""
-FORMAT = 11
+FORMAT = 12
 """Raised when the same plan would give other bytes; part of the digest that guards a resumed run."""
 TIED = ": "
 """Between a group's name and the pose that its members share."""
@@ -209,8 +219,19 @@ class Compensate(StrictTable):
     """Something that is adjusted on each build: a place of the design, or "calibration" of the decoder."""
 
     place: Annotated[tuple[str, ...], BeforeValidator(_listed), AfterValidator(_adjustable)]
+    aim: Aim = "limits"
+    """What it is moved to: `"limits"`, where the goals' quantities are nearest to nominal; `"focus"`, of the array
+    (`microlens_array.distance`), where what is in focus is as far ahead of the tip as designed, at the design's own
+    temperature, medium and light."""
     range: str | float | None = None
     """How far it can be moved either way; without limit where left out."""
+
+    @field_validator("aim")
+    @classmethod
+    def _focuses(cls, aim: Aim, info: ValidationInfo) -> Aim:
+        if fault := focus_fault(aim, info.data.get("place", ())):
+            raise ValueError(fault)
+        return aim
 
     @field_validator("range")
     @classmethod
@@ -343,6 +364,7 @@ class Adjuster:
     place: str
     reach: float
     """[mm or rad]; infinite without limit."""
+    aim: Aim = "limits"
 
 
 @dataclass(frozen=True)
@@ -354,6 +376,7 @@ class TolerancePlan:
     draws: Draws
     limits: tuple[_Limit, ...]
     adjusters: tuple[Adjuster, ...]
+    """What is focused last: it makes up for what the others move."""
     calibrated: bool
     """Whether full calibration is among the compensators."""
     trials: int
@@ -366,9 +389,24 @@ class TolerancePlan:
     @property
     def variants(self) -> tuple[str, ...]:
         """Names of what is measured of each trial; the last is what counts."""
+        if self.adjusters and not self.adjusters_to_limits:
+            return ("as built", "focused")
         if self.adjusters:
             return ("as built", "adjusted, linear", "adjusted")
         return ("as built", "calibrated") if self.calibrated else ("as built",)
+
+    @property
+    def adjusters_to_limits(self) -> tuple[Adjuster, ...]:
+        """What is moved to where the limits hold best."""
+        return tuple(adjuster for adjuster in self.adjusters if adjuster.aim == "limits")
+
+    def at_end(self, moved: Array) -> NDArray[np.bool_]:
+        """True where an adjustment, shape (adjusters, trials), rests at the end of its range."""
+        return np.asarray(np.abs(moved) >= np.array([one.reach for one in self.adjusters])[:, None])
+
+    def with_adjusters(self, *more: Adjuster) -> TolerancePlan:
+        """The plan with more of them."""
+        return replace(self, adjusters=tuple(sorted((*self.adjusters, *more), key=lambda one: one.aim == "focus")))
 
     @property
     def chunks(self) -> int:
@@ -659,20 +697,21 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
                 f" {len(question.columns)} numbers take more than a gigabyte of memory; ask for {most} at most",
             )
         )
-    if problems:
-        raise InputError(tuple(problems), origin)
-    reaches = {
-        place: _widths(line.range, line.place, design).get(place, math.inf)
+    adjusters = {
+        place: Adjuster(place, _widths(line.range, line.place, design).get(place, math.inf), line.aim)
         for line in study.compensators
         for place in line.place
         if place != CALIBRATION
     }
-    return TolerancePlan(
+    problems += focused_twice(adjusters.values(), perturbations)
+    if problems:
+        raise InputError(tuple(problems), origin)
+    plan = TolerancePlan(
         name=study.name,
         question=question,
         draws=draws,
         limits=tuple(limits),
-        adjusters=tuple(Adjuster(place, reach) for place, reach in reaches.items()),
+        adjusters=(),
         calibrated=any(CALIBRATION in line.place for line in study.compensators),
         trials=study.trials,
         chunk=_chunk_size(study.trials),
@@ -680,6 +719,18 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
         keep_worst=study.keep_worst,
         quantiles=study.quantiles,
     )
+    return plan.with_adjusters(*adjusters.values())
+
+
+def focused_twice(adjusters: Collection[Adjuster], perturbations: Iterable[Perturbation]) -> Iterator[Problem]:
+    """Faults of a study that focuses each build and says otherwise, too, where its focus is."""
+    plane = CONJUGATES[1]
+    if any(one.aim == "focus" for one in adjusters):
+        words = f'{plane} is what aim = "focus" sets on each build: drop it here, or that compensator'
+        if any(p.place == plane for p in perturbations):
+            yield Problem("perturb", words)
+        if any(one.place == plane for one in adjusters):
+            yield Problem("compensators", words)
 
 
 def _fields_of(study: Study, design: Design) -> tuple[tuple[tuple[float, float], ...], list[list[int]]]:

@@ -36,7 +36,7 @@ _POSITIVE = ((np.arange(HALF + 1, dtype=np.int64) + _FIRST) << _SHIFT).view(np.f
 EDGES = np.concatenate([-_POSITIVE[::-1], _POSITIVE])
 """Edges of the bins, in deviation from nominal, shape (BINS + 1,); the middle bin is [-2^-50, 2^-50]."""
 SUMMED = (
-    *("trials", "passed", "held", "undefined", "infinite", "impossible", "faults"),
+    *("trials", "passed", "held", "undefined", "infinite", "impossible", "faults", "at_end"),
     *("counts", "moments", "total", "square", "x", "xx", "xy"),
 )
 """Fields of a `Tally` that add up over chunks."""
@@ -60,6 +60,10 @@ class Tally:
     """Trials that are no cameras, shape (V,): in these every column is undefined."""
     faults: Counts
     """For which of the plan's reasons, shape (V, reasons); a trial may have several."""
+    at_end: Counts
+    """Trials whose adjustment rests at the end of its range, shape (adjusters,)."""
+    travel: Array
+    """Largest adjustment either way [mm, rad], shape (adjusters,)."""
     counts: Counts
     """Bin counts of finite deviations from nominal, from 0 where nominal is infinite; shape (V, C, BINS)."""
     moments: Array
@@ -137,6 +141,8 @@ def tally_of(plan: TolerancePlan, trials: MeasuredTrials, first: int) -> Tally:
         infinite=infinite,
         impossible=impossible,
         faults=faults,
+        at_end=plan.at_end(trials.moved).sum(axis=1),
+        travel=np.abs(trials.moved).max(axis=1, initial=0.0),
         counts=counts,
         moments=moments,
         total=total,
@@ -171,6 +177,7 @@ def _both(first: Tally, second: Tally) -> Tally:
         **{name: joined(name) for name in ("drawn", "measured", "moved")},
         low=np.minimum(first.low, second.low),
         high=np.maximum(first.high, second.high),
+        travel=np.maximum(first.travel, second.travel),
         worst=worst[order],
         scores=scores[order],
         worst_moved=joined("worst_moved")[order],

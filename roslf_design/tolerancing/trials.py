@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -17,9 +17,9 @@ from ..design import PATHS, Design
 from ..theory.length_covariance import LengthCovariance
 from ..theory.quantities import DECODED
 from .ideal import IdealBuilds
-from .metrics import Question, builds_of, design_built, evaluate_builds, faults_of
+from .metrics import Question, builds_of, design_built, evaluate_builds, faults_of, focus_moves
 from .places import nominal_values, of_parts, perturbable
-from .study import TolerancePlan
+from .study import Adjuster, TolerancePlan
 
 BLOCK = 8192
 """Trials evaluated at once: their arrays stay in a processor's cache."""
@@ -78,7 +78,7 @@ def measure(plan: TolerancePlan, deviations: Array, settled: float = SETTLED) ->
     variants, moved = [_in_blocks(plan.question, values, trials)], np.empty((0, trials))
     if plan.adjusters:
         moved, *adjusted = _compensator_of(plan).adjusted(values, deviations, settled)
-        variants += adjusted
+        variants += adjusted[1 - len(plan.variants) :]  # focus is predicted by nothing
     elif plan.calibrated:
         variants.append(_calibrated(plan.question, values, variants[0]))
     return MeasuredTrials(deviations, np.stack(variants), moved)
@@ -149,6 +149,12 @@ def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]
     return design_adjusted(plan, measured.deviations, measured.moved), measured
 
 
+def focus_travel(plan: TolerancePlan, deviations: Array) -> float:
+    """Largest move that focuses builds at these deviations, shape (P, trials), wherever their travel ends [mm]."""
+    moves = focus_moves(plan.question, plan.draws.values(deviations), deviations.shape[1])
+    return float(np.nanmax(np.abs(moves), initial=0.0))
+
+
 def design_adjusted(plan: TolerancePlan, deviations: Array, moved: Array) -> Design:
     """Design of one build, shapes (P, 1) and (adjusters, 1); a `ValueError` where its numbers make none."""
     design = plan.question.design
@@ -196,7 +202,8 @@ def lengths_built(plan: TolerancePlan) -> LengthCovariance:
     if plan.adjusters:
         compensator, even = _compensator_of(plan), replace(draws, sampling="sobol")
         deviations = even.deviations(even.uniforms(0, DRAWN))
-        if (np.abs(compensator.linear(deviations)) >= compensator.reach).any():
+        moved = compensator.all_moves(draws.values(deviations), compensator.linear(deviations))
+        if plan.at_end(moved).any():
             places, numbers = _lengths_of(plan, np.pad(deviations, ((0, 0), (1, 0))))
             off = numbers[:, 1:] - numbers[:, :1]
             return LengthCovariance(places, off @ off.T / DRAWN)
@@ -229,7 +236,10 @@ def _lengths_of(plan: TolerancePlan, deviations: Array) -> tuple[tuple[str, ...]
 
 
 class Compensator:
-    """Adjusts builds of a plan with adjusters: limited columns back to nominal, in units of what their limits allow."""
+    """Adjusts builds of a plan with adjusters: limited columns back to nominal, in units of what their limits allow.
+
+    What focuses is set by itself, wherever the other adjusters are: these alone are searched for.
+    """
 
     def __init__(self, plan: TolerancePlan) -> None:
         self.plan, design = plan, plan.question.design
@@ -251,16 +261,19 @@ class Compensator:
         rows = {column: row for row, column in enumerate(self.limited.columns)}
         self.rows = np.array([rows[plan.columns[column]] for column in self.columns], dtype=np.intp)
         self.weights = 1 / np.where(np.isfinite(widths), widths, 1.0)[:, None]
-        self.steps = np.array([1e-5 * (design.d_1 if kinds[a.place] == "length" else 1) for a in plan.adjusters])
-        self.reach = np.array([adjuster.reach for adjuster in plan.adjusters])[:, None]
+        self.searched = plan.adjusters_to_limits
+        self.focusing = plan.adjusters[len(self.searched) :]
+        self.steps = np.array([1e-5 * (design.d_1 if kinds[a.place] == "length" else 1) for a in self.searched])
+        self.reach = np.array([adjuster.reach for adjuster in self.searched])[:, None]
         self.gain = self._gain()
 
     def _gain(self) -> Array:
         """Adjustments that best undo one tolerance of each perturbation, shape (adjusters, perturbations)."""
         plan, perturbations = self.plan, self.plan.draws.perturbations
         steps = [(p.place, NUDGE * p.tolerance) for p in perturbations]
-        steps += [(a.place, float(step)) for a, step in zip(plan.adjusters, self.steps, strict=True)]
-        slopes = differences(plan, steps, calibrated=plan.calibrated, judged=True)[self.columns] * self.weights
+        steps += [(a.place, float(step)) for a, step in zip(self.searched, self.steps, strict=True)]
+        slopes = differences(plan, steps, calibrated=plan.calibrated, judged=True, focused=self.focused)
+        slopes = slopes[self.columns] * self.weights
         slopes = np.where(np.isfinite(slopes), slopes, 0.0)
         count = len(perturbations)
         tolerances = np.array([p.tolerance for p in perturbations])
@@ -268,19 +281,38 @@ class Compensator:
         return undone
 
     def linear(self, deviations: Array) -> Array:
-        """Adjustments by projection, shape (adjusters, trials) [mm, rad]; clipped to the adjusters' reach."""
+        """Searched adjustments by projection, (adjusters, trials) [mm, rad]; clipped to the adjusters' reach."""
         # Summed one perturbation after the other: the same bits whatever the machine's linear algebra.
-        moved = np.zeros((len(self.plan.adjusters), deviations.shape[1]))
+        moved = np.zeros((len(self.searched), deviations.shape[1]))
         for column, row in zip(self.gain.T, deviations, strict=True):
             moved += column[:, None] * row
         return np.clip(moved, -self.reach, self.reach)
 
     def applied(self, values: Mapping[str, Array], moved: Array) -> dict[str, Array]:
-        """The builds' numbers with their adjustments on top."""
+        """The builds' numbers with their adjustments on top: of `moved` those that are searched, then the focus."""
+        return self.focused(self._moved(values, zip(self.searched, moved, strict=False)), moved.shape[1])
+
+    def focused(self, values: Mapping[str, Array], trials: int) -> dict[str, Array]:
+        """The builds' numbers, focused where the plan focuses them."""
+        return self._moved(values, zip(self.focusing, self._focus(values, trials), strict=True))
+
+    def all_moves(self, values: Mapping[str, Array], moved: Array) -> Array:
+        """All adjustments of builds, shape (adjusters, trials) [mm, rad], from those that are searched."""
+        there = self._moved(values, zip(self.searched, moved, strict=True))
+        return np.concatenate([moved, self._focus(there, moved.shape[1])])
+
+    def _moved(self, values: Mapping[str, Array], moves: Iterable[tuple[Adjuster, Array]]) -> dict[str, Array]:
         result = dict(values)
-        for adjuster, row in zip(self.plan.adjusters, moved, strict=True):
+        for adjuster, row in moves:
             result[adjuster.place] = result.get(adjuster.place, self.nominal[adjuster.place]) + row
         return result
+
+    def _focus(self, values: Mapping[str, Array], trials: int) -> Array:
+        """Moves of what focuses, as far as it reaches; none where nothing would be in focus."""
+        if not self.focusing:
+            return np.empty((0, trials))
+        moves, reach = focus_moves(self.plan.question, values, trials), self.focusing[0].reach
+        return np.clip(np.where(np.isfinite(moves), moves, 0.0), -reach, reach)[None]
 
     def measured(self, values: Mapping[str, Array], moved: Array) -> Array:
         """All columns of the adjusted builds."""
@@ -315,6 +347,8 @@ class Compensator:
         """
         moved = self.linear(deviations)
         columns = start = self.measured(values, moved)
+        if not self.searched:
+            return self.all_moves(values, moved), start, columns
         late = np.flatnonzero(self.plan.used_room(start) > (settled if self.predicts else -np.inf))
         if late.size:
             some = {place: numbers[late] for place, numbers in values.items()}
@@ -322,7 +356,7 @@ class Compensator:
             moved[:, late], columns[:, late] = self.refined(
                 some, *self._restarted(some, moved[:, late], start[:, late])
             )
-        return moved, start, columns
+        return self.all_moves(values, moved), start, columns
 
     def _restarted(self, values: Mapping[str, Array], moved: Array, columns: Array) -> tuple[Array, Array]:
         """Adjustments and columns that Newton's steps can start from.
@@ -444,7 +478,12 @@ def _compensator_of(plan: TolerancePlan) -> Compensator:
 
 
 def differences(
-    plan: TolerancePlan, steps: list[tuple[str, float]], *, calibrated: bool = False, judged: bool = False
+    plan: TolerancePlan,
+    steps: list[tuple[str, float]],
+    *,
+    calibrated: bool = False,
+    judged: bool = False,
+    focused: Callable[[Mapping[str, Array], int], Mapping[str, Array]] | None = None,
 ) -> Array:
     """Central differences of every column at the nominal design.
 
@@ -458,6 +497,8 @@ def differences(
         As for `evaluate_builds`.
     judged : bool
         Of what may be infinite the twin's.
+    focused : callable, optional
+        From numbers of builds, and how many, to these in focus.
 
     Returns
     -------
@@ -470,7 +511,8 @@ def differences(
         numbers = values.setdefault(place, np.full(2 * count, nominal[place]))
         numbers[index] += step
         numbers[count + index] -= step
-    ends = evaluate_builds(plan.question, values, 2 * count, calibrated=calibrated)
+    numbers_of = values if focused is None else focused(values, 2 * count)
+    ends = evaluate_builds(plan.question, numbers_of, 2 * count, calibrated=calibrated)
     ends = plan.judged(ends) if judged else ends
     widths = np.array([step for _, step in steps])
     with np.errstate(invalid="ignore"):

@@ -28,7 +28,7 @@ from ...tolerancing.clearances import Missed, tight_clearances
 from ...tolerancing.draws import Perturbation
 from ...tolerancing.metrics import DISTANT, METRICS, mount_of
 from ...tolerancing.places import display, perturbable, short_name
-from ...tolerancing.result import KNOWN_LENGTHS, StudyResult, WorstTrial, reach_of
+from ...tolerancing.result import KNOWN_LENGTHS, AdjusterUse, StudyResult, WorstTrial, reach_of
 from ...tolerancing.study import CALIBRATION, OWN, TolerancePlan
 from ...tolerancing.summaries import ColumnSummary, Variant, correlations, summarise
 from ...tolerancing.tally import Tally
@@ -56,7 +56,11 @@ EXACTLY = (
 """Words on errors that a study's calibration of each build has not."""
 MOST_FAULTS, MOST_WAYS = 4, 2
 """Reasons why builds cannot be put together that a sentence names."""
-FOCUS = {"microlens_array.distance": "focus the array", "sensor.distance": "focus the sensor behind the array"}
+SETTINGS = {
+    ("microlens_array.distance", "focus"): "focus the array at assembly",
+    ("microlens_array.distance", "limits"): "set the array where the limits hold best",
+    ("sensor.distance", "limits"): "focus the sensor behind the array",
+}
 """Adjustments by what a lens maker calls them."""
 TOLERANCE_WIDTHS = {
     "parameter": 7.5, "± tolerance": 6, "puts together [%]": 4.5, "r² [%]": 3.5, "alone up to": 7.5,
@@ -223,10 +227,22 @@ def depth_sentence(budget: DepthBudget | None, plan: TolerancePlan) -> str:
     design = plan.question.design
     where = f"in the focal plane, {number(_focus(design))} mm ahead"
     text = f"Depth, expected, of a build that nobody calibrates: {budget.words}, {where}."
-    if not plan.adjusters:
+    if not (searched := plan.adjusters_to_limits):
         return text
-    adjusted = words.listed([short_name(adjuster.place, design) for adjuster in plan.adjusters])
-    return f"{text} The study adjusts {adjusted} to its limits, not to the focus."
+    adjusted = words.listed([short_name(adjuster.place, design) for adjuster in searched])
+    return f"{text} The study adjusts {adjusted} to its limits{', not to the focus' * (searched == plan.adjusters)}."
+
+
+def travel_words(result: StudyResult, use: AdjusterUse) -> str:
+    """Sentence on how far an adjuster moves, and in how many builds it rests at the end of its range."""
+    design, one, trials = result.plan.question.design, use.adjuster, result.plan.trials
+    text = f"{short_name(one.place, design)} is set to the {one.aim} on each build, by up to ± "
+    if not use.at_end:
+        return words.sentence(f"{text}{_width(design, one.place, use.travel)} of {trials:,}")
+    return words.sentence(
+        f"{text}its whole range of {_width(design, one.place, one.reach)}: {100 * use.at_end / trials:.3g} % of "
+        f"{trials:,} rest at its end"
+    )
 
 
 def _focus(design: Design) -> float:
@@ -435,6 +451,9 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
         accuracy = result.precision.accuracy
         yield Statement("caution" if accuracy.kept is False else "plain", words.sentence(accuracy.sentence(False)))
     yield Statement("plain", depth_sentence(result.depth, result.plan))
+    for use in result.adjusters:
+        enough = use.at_end <= (1 - result.study.yield_target) * result.plan.trials
+        yield Statement("plain" if enough else "caution", travel_words(result, use))
     weakest = result.final.weakest
     share = 100 * weakest.result.value
     least = f"The weakest limit is that on {in_words(weakest.label)}: {share:.2f} % {_of_those(result)}hold it."
@@ -743,8 +762,8 @@ def _change_words(result: StudyResult, change: Change) -> str:
         name = "calibration of each build" if place == CALIBRATION else short_name(place, design)
         if change.kind == "adjustment":
             said.append(
-                f"{FOCUS.get(place, 'adjust')}: {name}"
-                + (f", ± {_width(design, place, to)}" if math.isfinite(to) else "")
+                f"{SETTINGS.get((place, change.aim or ''), 'adjust')}: {name}"
+                + (f", {'travel ' * (change.aim == 'focus')}± {_width(design, place, to)}" if math.isfinite(to) else "")
             )
         else:
             said.append(f"{name} to ± {_width(design, place, to)}" + (f" ({grade})" if grade else ""))
