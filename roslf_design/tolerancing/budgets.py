@@ -112,7 +112,7 @@ class Change:
     result: Yield
     """Its yield; of one that reaches the target yield on fresh builds, the interval not below it."""
     aim: Aim | None = None
-    """What an adjustment moves a part to."""
+    """Aim of an adjustment; None of other changes."""
 
     def to_dict(self) -> dict[str, Any]:
         """As results have it."""

@@ -35,7 +35,7 @@ from ..words import angle
 Value = TypeVar("Value")
 
 Aim = Literal["limits", "focus"]
-"""What a part is moved to on each build: where the limits hold best, or where the camera is in focus as designed."""
+"""Aim of an adjustment of each build: where the limits hold best, or where it is in focus as designed."""
 FOCUSING = CONJUGATES[2]
 """Place of the part that focuses: the array, with the sensor behind it."""
 

@@ -173,7 +173,7 @@ class StudyResult(BriefValue):
     precision: _Precision | None = None
     """Standard errors of the run; None where nobody asked."""
     adjusters: tuple[AdjusterUse, ...] = ()
-    """What is adjusted on each build."""
+    """Moves of each adjuster."""
     tracing: tuple[str, ...] = ()
     """How builds behind a real lens were traced; nothing where it is ideal."""
 

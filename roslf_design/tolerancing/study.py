@@ -220,7 +220,7 @@ class Compensate(StrictTable):
 
     place: Annotated[tuple[str, ...], BeforeValidator(_listed), AfterValidator(_adjustable)]
     aim: Aim = "limits"
-    """What it is moved to: `"limits"`, where the goals' quantities are nearest to nominal; `"focus"`, of the array
+    """Aim of the move: `"limits"`, where the goals' quantities are nearest to nominal; `"focus"`, of the array
     (`microlens_array.distance`), where what is in focus is as far ahead of the tip as designed, at the design's own
     temperature, medium and light."""
     range: str | float | None = None
@@ -376,7 +376,7 @@ class TolerancePlan:
     draws: Draws
     limits: tuple[_Limit, ...]
     adjusters: tuple[Adjuster, ...]
-    """What is focused last: it makes up for what the others move."""
+    """Adjusters; focus is set last, as it makes up for what the others move."""
     calibrated: bool
     """Whether full calibration is among the compensators."""
     trials: int
@@ -397,7 +397,7 @@ class TolerancePlan:
 
     @property
     def adjusters_to_limits(self) -> tuple[Adjuster, ...]:
-        """What is moved to where the limits hold best."""
+        """Adjusters that are moved to where the limits hold best."""
         return tuple(adjuster for adjuster in self.adjusters if adjuster.aim == "limits")
 
     def at_end(self, moved: Array) -> NDArray[np.bool_]:
@@ -697,13 +697,8 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
                 f" {len(question.columns)} numbers take more than a gigabyte of memory; ask for {most} at most",
             )
         )
-    adjusters = {
-        place: Adjuster(place, _widths(line.range, line.place, design).get(place, math.inf), line.aim)
-        for line in study.compensators
-        for place in line.place
-        if place != CALIBRATION
-    }
-    problems += focused_twice(adjusters.values(), perturbations)
+    adjusters = _adjusters(study, design)
+    problems += focused_twice(adjusters, perturbations)
     if problems:
         raise InputError(tuple(problems), origin)
     plan = TolerancePlan(
@@ -719,7 +714,16 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
         keep_worst=study.keep_worst,
         quantiles=study.quantiles,
     )
-    return plan.with_adjusters(*adjusters.values())
+    return plan.with_adjusters(*adjusters)
+
+
+def _adjusters(study: Study, design: Design) -> tuple[Adjuster, ...]:
+    """Compensators that move a part."""
+    places = {place: line for line in study.compensators for place in line.place if place != CALIBRATION}
+    return tuple(
+        Adjuster(place, _widths(line.range, (place,), design).get(place, math.inf), line.aim)
+        for place, line in places.items()
+    )
 
 
 def focused_twice(adjusters: Collection[Adjuster], perturbations: Iterable[Perturbation]) -> Iterator[Problem]:
