@@ -29,6 +29,7 @@ from .search import (
     BIG,
     FTOL,
     QUICK,
+    TOGETHER,
     Ended,
     Global,
     Guard,
@@ -502,14 +503,19 @@ def _solve(
     evaluations = min(settings.evaluations, AROUND * problem.n) if problem.told_at else settings.evaluations
     tolerance = max(settings.tolerance, SETTLED / 10 if problem.told_at else problem.finest)
     polish = partial(searched, problem, budget=budget, evaluations=evaluations, tolerance=tolerance)
-    # What it tells of the time left is of the searches alone.
-    searching = "searches, then a check" if settings.check or settings.isres else "searches"
+    checking = settings.check + settings.isres
+    searching, steps, began = "searches, then a check" if checking else "searches", len(starts), time.monotonic()
     for number, start in enumerate(starts, 1):
-        budget.heard(tell, searching, number - 1, len(starts))
+        budget.heard(tell, searching, number - 1, steps)
         if searches and budget.ended:
             break
         with budget.interruptible() if searches else nullcontext():
             searches.append(polish(start))
+        if checking and number == 1:  # so that the time told to be left is that of both
+            one = time.monotonic() - began
+            with budget.interruptible():
+                worth = math.ceil(checking * _seconds_of_a_check(problem, searches[0].unit, budget) / max(one, 1e-6))
+                searching, steps = f"searches, with a check that takes as long as {worth}", len(starts) + worth
     best = min(searches, key=lambda s: (not s.feasible, s.merit if s.feasible else s.violation))
     checks: list[Check] = []
     wanted: dict[Global, bool] = {"crs2": settings.check, "isres": settings.isres}
@@ -573,6 +579,14 @@ def _solve(
 def _most_checked(problem: DesignProblem) -> int:
     """Points that a global search tries at most."""
     return min(1500 * problem.n, 9000) // (5 if problem.summed else 1)
+
+
+def _seconds_of_a_check(problem: DesignProblem, unit: Array, budget: SearchBudget) -> float:
+    """Time that a global search takes at most, by that of as many designs as it tries at once [s]."""
+    began = time.monotonic()
+    problem.vector(np.tile(unit, (TOGETHER, 1)))
+    designs = min(_most_checked(problem), budget.evaluations / max(budget.each, 1))
+    return (time.monotonic() - began) / TOGETHER * max(designs, 0.0)
 
 
 def _check(

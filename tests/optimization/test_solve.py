@@ -1,5 +1,6 @@
 """Problems whose optimum is known, from every start; one that only brute force knows; and problems without a design."""
 
+import math
 import sys
 import time
 from dataclasses import replace
@@ -12,7 +13,7 @@ from numpy.testing import assert_allclose
 import roslf_design as roslf
 from roslf_design.optimization.conflict import explain
 from roslf_design.optimization.goals import Goal
-from roslf_design.optimization.problem import sobol_units
+from roslf_design.optimization.problem import DesignProblem, sobol_units
 from roslf_design.optimization.search import SearchBudget, search, value_and_jacobian
 from roslf_design.optimization.solve import Settings, solve
 from roslf_design.progress import EnoughError
@@ -192,6 +193,27 @@ def test_who_has_enough_gets_the_best_so_far(while_, done):
     counts = [now for what, now, _ in told if what.startswith("checking")]
     assert counts == sorted(counts)
     assert all(now <= total for _, now, total in told if total)
+
+
+def test_the_time_that_searches_have_left_is_that_of_the_check_too(monkeypatch):
+    """By a clock that a design takes a second of: the check counts as many searches as it may try designs."""
+    problem = posed({"d_2": (0.1, 20.0), "D_F": (0.5, 4.0)}, [limit("fill_factor", 1.0, 1.0)], DEPTH)
+    calm, vector, clock, told = solve(problem, Settings(starts=6)), DesignProblem.vector, 0, []
+
+    def slow(self, units):
+        nonlocal clock
+        clock += len(units)
+        return vector(self, units)
+
+    monkeypatch.setattr(DesignProblem, "vector", slow)
+    monkeypatch.setattr(time, "monotonic", lambda: float(clock))
+    same = solve(problem, Settings(starts=6), lambda *one: told.append((*one, clock)))
+    assert same.unit.tobytes() == calm.unit.tobytes()
+    (first, *searching) = [one for one in told if one[0].startswith("searches")]
+    assert first[1:3] == (0, 6)
+    assert [done for _, done, *_ in searching] == [1, 2, 3, 4, 5]
+    tried = searching[0][3] - first[3] - 16  # as many are tried to see how long a check will take
+    assert {total for _, _, total, _ in searching} == {6 + math.ceil(3000 / tried)}  # 1500 for each variable
 
 
 def test_a_predicted_depth_error_is_as_good_as_an_exact_search(monkeypatch):
