@@ -236,13 +236,12 @@ def depth_sentence(budget: DepthBudget | None, plan: TolerancePlan) -> str:
 def travel_words(result: StudyResult, use: AdjusterUse) -> str:
     """Sentence on how far an adjuster moves, and in how many builds it rests at the end of its range."""
     design, one, trials = result.plan.question.design, use.adjuster, result.plan.trials
-    text = f"{short_name(one.place, design)} is set to the {one.aim} on each build, by up to ± "
-    if not use.at_end:
-        return words.sentence(f"{text}{_width(design, one.place, use.travel)} of {trials:,}")
-    return words.sentence(
-        f"{text}its whole range of {_width(design, one.place, one.reach)}: {100 * use.at_end / trials:.3g} % of "
-        f"{trials:,} rest at its end"
-    )
+    aim = "to the focus" if one.aim == "focus" else "to where the limits hold best"
+    moves = f"travel up to ± {_width(design, one.place, use.travel)}"
+    if use.at_end:
+        share = f"{100 * use.at_end / trials:.3g} % of them rest"
+        moves = f"{share} at the end of its travel, ± {_width(design, one.place, one.reach)}"
+    return words.sentence(f"{short_name(one.place, design)} is set {aim} on each of {trials:,} builds: {moves}")
 
 
 def _focus(design: Design) -> float:
