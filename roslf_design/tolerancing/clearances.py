@@ -13,7 +13,7 @@ from .draws import Perturbation
 from .metrics import faults_of
 from .places import nominal_values
 from .study import TolerancePlan
-from .trials import ALONG
+from .trials import ALONG, final_values
 
 HALF = 0.5
 """Share of a clearance above which a tolerance is told: two parts that miss by it towards each other meet."""
@@ -61,12 +61,14 @@ def tight_clearances(plan: TolerancePlan) -> tuple[_TightClearance, ...]:
 def _faults(plan: TolerancePlan, deviations: Array) -> NDArray[np.bool_]:
     """Faults, shape (faults, builds), of builds at deviations in units of the tolerances.
 
-    None of a build that is a camera somewhere along the way of a part that is adjusted on each.
+    None of a build that is a camera where it is focused, or somewhere along the way of a part that is adjusted on each.
     """
-    values = plan.draws.values(deviations)
+    values, searched = plan.draws.values(deviations), plan.adjusters_to_limits
+    if searched != plan.adjusters:
+        values = final_values(plan, deviations, np.zeros((len(searched), deviations.shape[1])))
     faults = _faults_at(plan, values, deviations.shape[1])
     nominal = nominal_values(plan.question.design)
-    for adjuster in plan.adjusters:
+    for adjuster in searched:
         lost = np.flatnonzero(faults.any(axis=0))
         if not lost.size:
             break

@@ -190,7 +190,8 @@ def focus_fault(aim: Aim, names: Iterable[str]) -> str:
     others = [name for name in names if PATHS.get(name, name) != FOCUSING]
     if aim != "focus" or not others:
         return ""
-    return f"'focus' is set by {FOCUSING} (d_1), not by {others[0]}; name that place, or leave out aim"
+    focusing = f"'focus' is set by {FOCUSING} (d_1), the sensor going along, not by {others[0]}"
+    return f"{focusing}; name that place, or leave out aim"
 
 
 def short_name(place: str, design: Design | None = None) -> str:

@@ -442,8 +442,11 @@ def test_a_focus_that_an_adjuster_brings_back_is_not_told_as_lost():
     off = {sign * 2 * tolerance: (1 + sign * 2 * tolerance) * nominal for sign in (-1, 1)}
     known = [scope.replace({place: f, "d_f": scope.d_f}).d_1 - scope.d_1 for f in off.values()]  # where it is in focus
     for reach, told in ((2 * max(map(abs, known)), False), (1e-6, True)):
-        adjusted = {"compensators": [{"place": "microlens_array.distance", "range": f"{reach} mm"}]}
-        assert ("beyond infinity" in clearance_words(tolerance_plan(data | adjusted, scope)[0])) == told
+        for aim in ("limits", "focus"):
+            line = {"place": "microlens_array.distance", "aim": aim, "range": f"{reach} mm"}
+            assert (
+                "beyond infinity" in clearance_words(tolerance_plan(data | {"compensators": [line]}, scope)[0])
+            ) == told
 
 
 def test_parts_that_touch_are_told_as_such():
