@@ -100,7 +100,7 @@ class Session:
     )
     """Methods that the page may call, through `ask`."""
     of_the_page = frozenset({"resize"})
-    """Those after which all that is shown is still of the present design."""
+    """Requests after which all that is shown is still of the present design."""
 
     def __init__(self, design: Design) -> None:
         self._history = History(State.of(design))
