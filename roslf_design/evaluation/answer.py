@@ -113,7 +113,7 @@ class FirstAnswer:
     """Distance ahead of the tip nearer than which full pixels leave most of the field without depth; 0 or infinite of
     even light."""
     depth_light: str
-    """Exposure and light that the working range and depths are told for, in words; empty where the design gives the
+    """Exposure and light that the working range and depths hold for, in words; empty where the design gives the
     disparity's error, or pixels are no views."""
     corner_light: float
     """Light at the corner of the field over that in the middle."""
