@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,12 @@ from .model import GLOBALS, Intrinsics, Poses, ProjectedCorners
 
 _MOST = 200
 """Most evaluations: fits that are determined take 4 to 20, one that is not would wander on."""
+_DAMPING = 1e-4
+"""Damping of a fit's first step, as a share of each parameter's own information."""
+_STRAIGHT = 1e-5
+"""Weight of derivatives that hardly count, in place of 0."""
+_SETTLED = 1e-12
+"""Share of the squares that a last step takes off, or of the parameters that it moves."""
 _SCALES = {"A": 100.0, "m": 0.4, "inverse_d_2": 0.5, "x_0": 100.0, "y_0": 100.0, "k_2": 1000.0}
 _SCALES |= dict.fromkeys(("k_1", "c_1", "b_1"), 10.0)
 _LOST = 0.3
@@ -51,6 +57,32 @@ class Linear(NamedTuple):
         free = self.eliminated().shared
         return np.asarray(np.einsum("brp,brq->pq", free, free))
 
+    def lengths(self) -> tuple[Array, Array]:
+        """Lengths of the shared columns, shape (p,), and of each board's own, (b, 6); 1 where there is nothing."""
+        shared = np.sqrt(np.square(self.shared).sum(axis=(0, 1)))
+        own = np.sqrt(np.square(self.own).sum(axis=1))
+        return np.where(shared > 0, shared, 1.0), np.where(own > 0, own, 1.0)
+
+    def step(self, lengths: tuple[Array, Array], damping: float) -> tuple[Array, Array, float]:
+        """Damped step to the least squares, in units of 1/`lengths`, and how much it takes off the sum of squares.
+
+        Of the shared parameters, shape (p,), and of each board's pose, (b, 6).
+        """
+        boards, _, count = self.shared.shape
+        none, root = np.zeros((boards, 6, count + 1)), math.sqrt(damping)
+        known = np.concatenate([self.shared / lengths[0], self.off[..., None]], axis=-1)
+        own = self.own / lengths[1][:, None]
+        held = np.broadcast_to(root * np.eye(6), (boards, 6, 6))
+        basis, upper = np.linalg.qr(np.concatenate([own, held], axis=1))
+        taken = np.swapaxes(basis, 1, 2) @ np.concatenate([known, none], axis=1)
+        free = (np.concatenate([known, none], axis=1) - basis @ taken).reshape(-1, count + 1)
+        triangle = np.linalg.qr(np.concatenate([free, root * np.eye(count, count + 1)]), mode="r")
+        by_shared = -np.linalg.solve(triangle[:count, :count], triangle[:count, count])
+        by_pose = -np.linalg.solve(upper, taken[..., :count] @ by_shared[:, None] + taken[..., count:])[..., 0]
+        moved = known[..., :count] @ by_shared + (own @ by_pose[..., None])[..., 0]
+        length = float(by_shared @ by_shared + np.square(by_pose).sum())
+        return by_shared, by_pose, float(np.square(moved).sum()) + 2 * damping * length
+
 
 def whitened(model: ProjectedCorners, measured: Array, weight: Array | NDArray[np.bool_]) -> Linear:
     """Corners where they are modelled minus `measured`, both (b, v, n, k), in units of their errors 1/`weight`."""
@@ -84,34 +116,43 @@ def settle(
     `model` takes all `GLOBALS`, poses (b, 6) and whether to differentiate; `shared` then has their columns. With
     `far`, residuals beyond it count by Huber's loss: linearly.
     """
-    from scipy.optimize import least_squares
+    columns = [GLOBALS.index(name) for name in names]
 
-    count, columns = len(names), [GLOBALS.index(name) for name in names]
+    def at(shared: Array, pose: Array) -> tuple[Linear, Linear, float]:
+        linear = model(camera.with_values(names, shared).vector(), pose, True)
+        linear = linear._replace(shared=linear.shared[..., columns])
+        size = np.abs(linear.off)
+        if far is None:
+            return linear, linear, float(np.square(size).sum())
+        # Beyond `far` a residual pulls as hard from wherever it is: its derivatives bend the sum of squares hardly.
+        bends = np.where(size > far, _STRAIGHT, 1.0)
+        off = linear.off / bends / np.maximum(size / far, 1.0)
+        pulling = Linear(off, linear.shared * bends[..., None], linear.own * bends[..., None])
+        return linear, pulling, float(np.where(size > far, far * (2 * size - far), size * size).sum())
 
-    def at(x: Array, derivatives: bool) -> Linear:
-        return model(camera.with_values(names, x[:count]).vector(), x[count:].reshape(-1, 6), derivatives)
-
-    def residuals(x: Array) -> Array:
-        return at(x, False).off.ravel()
-
-    def jacobian(x: Array) -> Array:
-        linear = at(x, True)
-        boards, rows = linear.off.shape
-        full = np.zeros((boards, rows, len(x)))
-        full[..., :count] = linear.shared[..., columns]
-        for b in range(boards):
-            full[b, :, count + 6 * b : count + 6 * b + 6] = linear.own[b]
-        return full.reshape(boards * rows, -1)
-
-    way: dict[str, Any] = {"method": "lm"} if far is None else {"method": "trf", "loss": "huber", "f_scale": far}
-    run = least_squares(
-        residuals, np.concatenate([camera.vector(names), poses.vector.ravel()]), jacobian,
-        x_scale="jac", xtol=1e-12, ftol=1e-12, max_nfev=_MOST, **way,
-    )  # fmt: skip
-    linear = at(run.x, True)
-    linear = linear._replace(shared=linear.shared[..., columns])
-    best = camera.with_values(names, run.x[:count])
-    return _SettledFit(best, Poses.from_vector(run.x[count:]), linear, bool(run.success))
+    shared, pose = camera.vector(names), poses.vector
+    linear, pulling, squares = at(shared, pose)
+    lengths, damping, growth, done = pulling.lengths(), _DAMPING, 2.0, False
+    for _ in range(_MOST):
+        by_shared, by_pose, promised = pulling.step(lengths, damping)
+        moved, whole = (
+            math.hypot(float(np.linalg.norm(one)), float(np.linalg.norm(other)))
+            for one, other in ((by_shared, by_pose), (shared * lengths[0], pose * lengths[1]))
+        )
+        further = shared + by_shared / lengths[0], pose + by_pose / lengths[1]
+        there = at(*further)
+        gained = squares - there[2]
+        done = moved <= _SETTLED * whole or max(abs(gained), promised) <= _SETTLED * squares
+        if gained >= 0:
+            (shared, pose), (linear, pulling, squares) = further, there
+            wide, own = pulling.lengths()
+            lengths = np.maximum(lengths[0], wide), np.maximum(lengths[1], own)
+            damping, growth = damping * (0.1 if gained > 0.75 * promised else 0.5), 2.0
+        else:
+            damping, growth = damping * growth, 2 * growth
+        if done:
+            break
+    return _SettledFit(camera.with_values(names, shared), Poses.from_vector(pose), linear, done)
 
 
 class Covariance(NamedTuple):

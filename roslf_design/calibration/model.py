@@ -395,9 +395,11 @@ _GAUSS = np.polynomial.legendre.leggauss(12)
 
 def _right_jacobian(vector: NDArray[Any]) -> NDArray[Any]:
     """Right Jacobian J of the rotation vector: ``R(r + dr) = R(r) R(J dr)``; the mean of R(-s r) for s from 0 to 1."""
-    nodes, weights = _GAUSS
-    turned = rotation_matrix(vector[..., None, :] * (-0.5 - nodes[:, None] / 2))
-    return np.asarray((weights[:, None, None] / 2 * turned).sum(axis=-3))
+    half = np.sqrt((vector * vector).sum(axis=-1))[..., None, None] / (2 * np.pi)
+    cross, (nodes, weights) = _cross_matrix(vector), _GAUSS
+    share = 0.5 + nodes / 2  # the mean of the square's factor has a closed form that cancels near no rotation
+    squares = ((share * np.sinc(half * share)) ** 2 @ weights)[..., None] / 4
+    return np.asarray(_UNIT - np.sinc(half) ** 2 / 2 * cross + squares * (cross @ cross))
 
 
 # --- the data sheet ---------------------------------------------------------------------------------------------------

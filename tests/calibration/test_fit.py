@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import least_squares
 
 from roslf_design.calibration import (
     Board,
@@ -144,6 +145,32 @@ def test_exact_corners_give_the_camera_back(distortion):
     # Distortion is not in the steps' straight lines: second order in the baseline, 1e-3 px.
     assert steps["d_3"] == pytest.approx(120.0, abs=1e-6 if distortion == 0 else 0.5)
     assert found.joint.rms < 1e-9
+
+
+@pytest.mark.parametrize("far", [None, 2.5])
+def test_it_settles_where_scipy_does_with_all_poses_at_once(far):
+    """Noise, a corner in twelve far off, and a start that is off: SciPy's dense solver has the whole Jacobian."""
+    observations = captured(Captures(boards=4, views=3), seed=5)
+    uv = observations.uv.copy()
+    uv[:, :, ::12] += 0.3
+    observations = replace(observations, uv=uv)
+    lines = fit_lines(observations)
+    model = corner_statistics(observations, lines, lines.sigma).linear
+    start = CAMERA.with_values(NAMES, CAMERA.vector(NAMES) * [1.02, 0.98, 1.02, 1.0, 1.0])
+    poses = calibrate(observations, SHEET).fit.poses
+    found = settle(model, start, poses, NAMES, far=far)
+
+    def off(x):
+        return model(start.with_values(NAMES, x[:5]).vector(), x[5:].reshape(-1, 6), False).off.ravel()
+
+    size = np.concatenate([[92.0, 0.4, 0.5, 182.0, 118.0], np.tile([1.0] * 3 + [100.0] * 3, 4)])
+    loss = {"loss": "linear"} if far is None else {"loss": "huber", "f_scale": far}
+    other = least_squares(off, np.concatenate([start.vector(NAMES), poses.vector.ravel()]), "3-point",
+                          x_scale=size, xtol=1e-14, ftol=1e-14, gtol=1e-14, **loss)  # fmt: skip
+    assert found.done
+    sigma = covariance_of(found.linear.information(), NAMES).sigma
+    for name, value in zip(NAMES, other.x, strict=False):  # a last step of 1e-12 of a thousand squares is 3e-5 sigma
+        assert abs(getattr(found.camera, name) - value) < 1e-4 * sigma[name]
 
 
 def test_joint_fit_is_at_the_noise_and_its_errors_are_honest():
