@@ -41,7 +41,7 @@ def designs(draw):
     array = draw(length), draw(length)
     stops = draw(st.lists(st.builds(Stop, diameter=length, distance=st.floats(0, d_f * 0.9)), max_size=3))
     return Design(
-        name=draw(st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Cs"]), min_size=1, max_size=12)),
+        name=draw(st.text(st.characters(exclude_categories=["Cc", "Cs"]), min_size=1, max_size=12)),
         main_lens=MainLens(
             diameter=draw(length),
             focal_length=f if "f " in given_pair.replace("d_f", "") else None,

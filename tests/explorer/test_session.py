@@ -25,6 +25,7 @@ from roslf_design.explorer.state import FIELDS, LIGHT, STEPS, TABS
 from roslf_design.explorer.view import DRAWINGS, glance, lights, with_cards
 from roslf_design.theory.depth_budget import WARMTH
 from tests.explorer.made import made_of
+from tests.laws import LETTERS
 from tests.pictures.designs import UNLIKE
 from tests.reporting.made import few_builds, without_figures
 
@@ -64,7 +65,7 @@ requests = st.one_of(
     st.tuples(st.just("fix"), st.sampled_from(["match-d_2", "match-D_F", "telecentric", "no such"])),
     st.tuples(st.just("resize"), st.fixed_dictionaries({"microlens": st.tuples(pixels, pixels)})),
     st.sampled_from([("undo",), ("redo",), ("dismiss",), ("let_go",), ("space_again",), ("set_theme", "dark")]),
-    st.tuples(st.just("restore"), st.text(max_size=20)),
+    st.tuples(st.just("restore"), st.text(LETTERS, max_size=20)),
 )  # fmt: skip
 
 
