@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import cached_property, lru_cache
 from operator import attrgetter
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +26,7 @@ from ..bore.part import TEMPERATURE, Colours, Layout, Number, PartNumbers, minus
 from ..design import Design, DesignError, Problem
 from ..design.growth import Growth
 from ..design.parts import BEHIND, PATHS, Symbols
+from ..design.required import ROUND_ANGLE, ROUND_RADIUS, Required
 from ..errors import expect
 from ..lenses.angles import AngleMap
 from ..lenses.glass import ROOM
@@ -42,8 +43,30 @@ IN_FOCUS = 1e-10
 """Share of d_f by which a stop is out of focus at least: it cuts whole microlens images then, or none of one."""
 APPARENT = ("d_f", "d_1", "d_2", "d_3", "D_F", "H", "inverse_H", "A", "m", "inverse_m", "gap", "vergence")
 """Lengths, and what follows from them, that the main lens may see otherwise than a ruler."""
-AIR_ALONE = Chain(())
-"""A chain of nothing."""
+
+
+class _Kind(NamedTuple):
+    """Properties of a camera beside its numbers."""
+
+    layout: Layout = "square"
+    """Layout of the microlens array, as in a design file."""
+    lens_shape: str = "square"
+    lens: MainLensKind = IdealMainLens()
+    chain: Chain = Chain(())
+    """Parts that light meets beside the main lens."""
+    materials: Mapping[str, Glass] = {}
+    """Place of an index to the material it is of, for other wavelengths."""
+    growth: Growth | None = None
+    """Change of the numbers with temperature; None of a design without `[environment]`."""
+    colours: Colours = "mono"
+    """Colours of the filters on the sensor's pixels, as in a design file."""
+    round_fields: tuple[Required, ...] = ()
+    """Round fields that are required: images are to be whole at their rims, not in the sensor's corners."""
+
+    @property
+    def hashable(self) -> tuple[Any, ...]:
+        """Key of the same properties."""
+        return tuple(frozenset(part.items()) if isinstance(part, Mapping) else part for part in self)
 
 
 class Camera(Symbols[Number]):
@@ -58,18 +81,8 @@ class Camera(Symbols[Number]):
     ----------
     numbers : mapping
         Dotted place of the design to its number(s); f, d_f and d_1 all there and agreeing.
-    layout, lens_shape : str
-        Of the microlens array, as in a design file.
-    chain : Chain, optional
-        What light meets beside the main lens; air only where not given.
-    materials : mapping
-        Place of an index to the material it is of, for other wavelengths.
-    growth : Growth, optional
-        What temperature does to the numbers; None of a design without `[environment]`.
-    lens : MainLensKind, optional
-        The main lens; ideal where not given.
-    colours : str
-        Of the filters on the sensor's pixels, as in a design file.
+    kind : optional
+        Its properties beside the numbers; an ideal lens in air where not given.
 
     Examples
     --------
@@ -79,34 +92,13 @@ class Camera(Symbols[Number]):
     array([1.        , 1.4       , 2.33333333, 7.        ])
     """
 
-    def __init__(
-        self,
-        numbers: Mapping[str, Number],
-        layout: Layout = "square",
-        lens_shape: str = "square",
-        lens: MainLensKind | None = None,
-        chain: Chain | None = None,
-        materials: Mapping[str, Glass] | None = None,
-        growth: Growth | None = None,
-        colours: Colours = "mono",
-    ) -> None:
-        self._numbers = numbers
-        self.layout = layout
-        self.lens_shape = lens_shape
-        self.lens = lens or IdealMainLens()
-        self.chain = chain or AIR_ALONE
-        self.materials = materials or {}
-        self.growth = growth
-        self.colours = colours
+    def __init__(self, numbers: Mapping[str, Number], kind: _Kind | None = None) -> None:
+        self._numbers, self._kind = numbers, kind or _Kind()
+        self.layout, self.lens_shape, self.lens, self.chain = self._kind[:4]
+        self.materials, self.growth, self.colours, self.round_fields = self._kind[4:]
 
     def _with(self, numbers: Mapping[str, Number]) -> Camera:
-        return Camera(numbers, *self._kind)
-
-    @property
-    def _kind(self) -> tuple[Any, ...]:
-        """Properties of the camera beside its numbers."""
-        own = self.layout, self.lens_shape, self.lens, self.chain, self.materials, self.growth
-        return *own, self.colours
+        return Camera(numbers, self._kind)
 
     @classmethod
     def of(cls, design: Design, changes: Mapping[str, ArrayLike] | None = None, /, *, in_focus: bool = False) -> Camera:
@@ -195,8 +187,7 @@ class Camera(Symbols[Number]):
     @property
     def likeness(self) -> tuple[Any, ...]:
         """Key that cameras share which differ in numbers alone, and can be `joined`."""
-        kind = (frozenset(part.items()) if isinstance(part, Mapping) else part for part in self._kind)
-        return frozenset(self._numbers), *kind
+        return frozenset(self._numbers), *self._kind.hashable
 
     @classmethod
     def joined(cls, cameras: Sequence[Camera]) -> Camera:
@@ -208,8 +199,7 @@ class Camera(Symbols[Number]):
     @property
     def as_measured(self) -> Camera:
         """Camera whose lengths are as measured at whatever temperature: `replace` moves none of them with it."""
-        own = self.layout, self.lens_shape, self.lens, self.chain, self.materials
-        return Camera(self._numbers, *own, colours=self.colours)
+        return Camera(self._numbers, self._kind._replace(growth=None))
 
     @cached_property
     def cold(self) -> Camera:
@@ -237,7 +227,7 @@ class Camera(Symbols[Number]):
         numbers : mapping
             Places of `VIEWING_CONDITIONS` and the wavelength, with what they are there.
         """
-        return Camera({**self._numbers, **numbers}, *self._kind[:6])
+        return Camera({**self._numbers, **numbers}, self._kind._replace(colours="mono"))
 
     if not TYPE_CHECKING:
 
@@ -303,7 +293,7 @@ class Camera(Symbols[Number]):
         return hash((numbers, self.likeness))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Camera, (dict(self._numbers), *self._kind)
+        return Camera, (dict(self._numbers), self._kind)
 
     def __repr__(self) -> str:
         shown = ", ".join(
@@ -794,5 +784,6 @@ def _number(value: ArrayLike) -> Number:
 @lru_cache(maxsize=64)
 def _nominal(design: Design) -> Camera:
     array, lens = design.microlens_array, design.main_lens.kind
-    beside = design.chain, design.materials, Growth.of(design), design.sensor.colours
-    return Camera(numbers_of(design), array.layout, array.lens_shape, lens, *beside)
+    rounds = tuple(one for one in design.required if one.quantity in (ROUND_ANGLE, ROUND_RADIUS))
+    beside = design.chain, design.materials, Growth.of(design), design.sensor.colours, rounds
+    return Camera(numbers_of(design), _Kind(array.layout, array.lens_shape, lens, *beside))

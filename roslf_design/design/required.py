@@ -23,6 +23,8 @@ from ..errors import InputError, Problem
 from ..toml_files import problems_of
 from ..units import Angle, Length, format_quantity
 
+ROUND_ANGLE, ROUND_RADIUS = "round_field_of_view_deg", "round_field_radius_mm"
+"""Quantities of a round field: what requires one judges the field at its rim, and not in the sensor's corners."""
 LIKE = '{max = "0.5 mm"}'
 """Limits as a file writes them."""
 

@@ -8,25 +8,25 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .._arrays import Array, sunflower
 from .._jit import ahead
 from ..accuracy.statement import check_accuracy
 from ..camera import Camera
 from ..design import Design
-from ..design.required import Required
+from ..design.required import ROUND_ANGLE, ROUND_RADIUS, Required
 from ..fates import ImageFate, RayFate
 from ..lenses.prescription import LensError
 from ..rays import trace_pupil
 from ..shapes.lattice import cell_polygon
 from ..shapes.openings import Openings
+from ..theory import field_of_view
 from ..theory.depth_error import errors_at_fields
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.field_of_view import focus_ahead, off_axis
 from ..theory.light import SensorField, on_array, sensor_field
 from ..theory.limits import limits
-from ..theory.quantities import ROUND_ANGLE, ROUND_RADIUS
 from ..theory.quantity import FEASIBLE
 from ..theory.stop_images import MicrolensImages, stop_openings
 from ..traced.camera import camera_of
@@ -48,8 +48,6 @@ FIELD_NAMES = ("centre", "edge", "corner")
 """Names of `default_fields`."""
 TRIED = 33
 """Microlenses towards the field's corner between which one is looked for, twice: to 1e-6 of the way there."""
-HALVINGS = 40
-"""Steps in which the rim of a round field is looked for, to 1e-12 of the way to the sensor's corner."""
 ROUND_FIELD = "round field"
 """Words for the field that a design requires to be round."""
 MOST_FIELDS = 500
@@ -127,8 +125,12 @@ def round_radius(design: Design) -> float | None:
 
     None where it requires none, or one that the sensor does not see even towards its corner.
     """
-    if not any(asked.quantity in (ROUND_ANGLE, ROUND_RADIUS) for asked in design.required):
+    camera = Camera.of(design)
+    if not camera.round_fields:
         return None
+    if not design.main_lens.kind.mounted:
+        field = field_of_view.judged_field(camera)
+        return None if field is sensor_field(camera) else float(field.radius)
     radii = [
         _radius(design, math.radians(low / 2), None, None)
         if quantity.name == ROUND_ANGLE
@@ -154,38 +156,6 @@ def judged_field(design: Design) -> SensorField:
 def judged_part(design: Design) -> str:
     """Part of what the sensor sees that `judged_field` is of, in words."""
     return "whole sensor" if round_radius(design) is None else ROUND_FIELD
-
-
-def rim_field(design: Design, camera: Camera) -> SensorField:
-    """Part of the array that `judged_field` is, of other thin-lens cameras than the design's own, one or many.
-
-    By closed forms, at the rim's nearest of four places along x and y; all that the sensor sees of a camera that does
-    not see the rim.
-    """
-    field = sensor_field(camera)
-    asked = [
-        (quantity.over, one.at, low)
-        for one, quantity, low, _ in limits(design)
-        if quantity.name in (ROUND_ANGLE, ROUND_RADIUS) and low and quantity.over
-    ]
-    near, far = np.zeros_like(field.radius), field.radius
-
-    def holds(radius: Array) -> NDArray[np.bool_]:
-        circle = SensorField((-radius, -radius), (radius, radius))
-        return np.asarray(np.all([over(camera, at, circle) >= low for over, at, low in asked], axis=0))
-
-    seen = holds(far)
-    if not asked or not seen.any():
-        return field
-    for _ in range(HALVINGS):
-        middle = (near + far) / 2
-        enough = holds(middle)
-        near, far = np.where(enough, near, middle), np.where(enough, middle, far)
-    half = far / math.sqrt(2)
-    left, below, right, above = (
-        np.where(seen, sign * half, end) for sign, ends in zip((-1, 1), field, strict=True) for end in ends
-    )
-    return SensorField((left, below), (right, above))
 
 
 def unseen(design: Design, place: Place) -> str:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .._arrays import Array
 from ..camera import Camera
 from ..design import Design, preset_names
-from ..design.required import Required
+from ..design.required import ROUND_ANGLE, ROUND_RADIUS, Required
 from ..errors import InputError, Problem
 from ..theory import tube
 from ..theory.colours import filters
@@ -38,7 +38,7 @@ from ..theory.focused import has_views, pupil_remedy
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.limits import AT_FIELD, OFF_AXIS, as_design, held_by_builds, limits
 from ..theory.photometry import electrons, exposure
-from ..theory.quantities import NO_LENS_MOVES, QUANTITIES, ROUND_ANGLE, ROUND_RADIUS, quantity_named
+from ..theory.quantities import NO_LENS_MOVES, QUANTITIES, quantity_named
 from ..theory.quantity import FEASIBLE, Quantity
 from ..traced.fields import images_of
 from ..words import clauses, length, number, on_side, percent, the, uncertainty

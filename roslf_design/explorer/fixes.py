@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..design import PATHS, Design, DesignError
 from ..drawing.theme import short
-from ..evaluation.fields import ROUND_FIELD, judged_part, rim_field
+from ..evaluation.fields import ROUND_FIELD, judged_part
 from ..evaluation.remedies import BETWEEN, ROUNDS, nearest_holding
 from ..theory.exit_pupil import is_telecentric
 from ..theory.f_number import fill_factor, matched
+from ..theory.field_of_view import judged_field
 from ..theory.light import geometric_views, microlens_defocus_blur
 from ..theory.quantities import QUANTITIES
 from ..theory.tube import widest_fap
@@ -84,7 +85,7 @@ class _Facts(NamedTuple):
     def of(cls, design: Design) -> _Facts:
         """_Facts of a design, or of its thin-lens model."""
         camera = Camera.of(design.thin_twin)
-        limit = field_limit(camera, rim_field(design, camera))
+        limit = field_limit(camera, judged_field(camera))
         return cls(
             fill_factor=float(fill_factor(camera)),
             undistorted_mm=limit.radius,
@@ -181,7 +182,7 @@ def _undistorting(design: Design, camera: Camera) -> Change:
 
     def rooms(d_3: Floats | float) -> Floats:
         changed = camera.replace({"d_3": d_3})
-        return corner_room(changed, rim_field(design, changed))
+        return corner_room(changed, judged_field(changed))
 
     def least(d_3: Floats) -> Floats:
         return np.asarray(rooms(d_3).min(axis=0))

@@ -10,7 +10,6 @@ from ..bore.main_lens import IdealMainLens, RealMainLens, SheetMainLens
 from ..camera import Camera
 from ..design import Design
 from ..evaluation import Evaluation, default_fields
-from ..evaluation.fields import round_radius
 from ..theory.depth_budget import depth_budget
 
 TRIALS = 16384
@@ -39,14 +38,7 @@ class _IdealLens:
 
     def undistorted(self, design: Design) -> dict[str, Any]:
         """Limit of a search, as a study file has it, that has images on the sensor whole."""
-        if round_radius(design) is None:
-            return {"quantity": "non_distortion_room_mm", "min": "0 mm"}
-        return self._uncut_at_corner(design)
-
-    def _uncut_at_corner(self, design: Design) -> dict[str, Any]:
-        """Limit of a search that has the image of the field's corner, or of a round field's rim, whole."""
-        corner = [f"{length!r} mm" for length in default_fields(design)[-1]]
-        return {"quantity": "kept_fraction", "field": corner, "min": UNCUT}
+        return {"quantity": "non_distortion_room_mm", "min": "0 mm"}
 
     def evaluation(
         self, design: Design, thin: Callable[[Design], Evaluation], traced: Evaluation | Exception | None
@@ -73,7 +65,8 @@ class _RealLens(_IdealLens):
 
     def undistorted(self, design: Design) -> dict[str, Any]:
         """At the corner, but for what rays do not settle."""
-        return self._uncut_at_corner(design)
+        corner = [f"{length!r} mm" for length in default_fields(design)[-1]]
+        return {"quantity": "kept_fraction", "field": corner, "min": UNCUT}
 
     def evaluation(
         self, design: Design, thin: Callable[[Design], Evaluation], traced: Evaluation | Exception | None

@@ -119,6 +119,8 @@ def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
         return False  # through the lens, room is least inside a box
     if quantity.over is not None and decentred:
         return False  # how far off the axis the sensor sees has its least inside a box
+    if problem.base.round_fields and quantity.name == "non_distortion_room_mm":
+        return False  # its rim is none of the sensor's ends
     if quantity.bent_in_f and CONJUGATES[0] in names:
         return False
     if any(in_lens(name) for name in names):

@@ -7,6 +7,7 @@ told of the object's size and distortion, come from the same rays (`.chief_rays`
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -15,11 +16,16 @@ import numpy as np
 from .._arrays import Array, magnitude, ratio
 from ..camera import Camera, Number
 from ..design.parts import PATHS
+from ..design.required import ROUND_RADIUS, Required
+from ..units import parse_in, read_quantity
 from .chief_rays import ChiefRays, Place, Places, chief_rays
-from .light import SensorField, chief_spread, object_scale
+from .light import SensorField, chief_spread, object_scale, sensor_field
 
 NEAR = 0.002
 """Part of a pitch to either side of a microlens, between whose chief rays its scale is taken."""
+STEPS, SETTLED = 60, 1e-13
+"""Steps towards the rim of a round field at most, by regula falsi, and what they may miss it by, relative; one or two
+where nothing is decentred, up to ten of the widest angles."""
 
 
 class Across(NamedTuple):
@@ -159,6 +165,65 @@ def round_object_radius(c: Camera, field: SensorField, ahead: Number | None) -> 
 def _of_feet(c: Camera, field: SensorField) -> ChiefRays:
     x, y = (np.stack(np.broadcast_arrays(*axis, np.empty(c.shape))[:-1]) for axis in zip(*feet(field), strict=True))
     return chief_rays(c, (x, y))
+
+
+def judged_field(c: Camera) -> SensorField:
+    """Part of the array to be lit and imaged: all that the sensor sees, or the square whose corners lie on the rim.
+
+    That rim is of the widest round field that is required, at the nearest of four places along x and y; of a camera
+    that does not see it, even towards its corner, all that the sensor sees.
+    """
+    key = "judged field"
+    if key not in c.worked_out:
+        c.worked_out[key] = _judged_field(c)
+    field: SensorField = c.worked_out[key]
+    return field
+
+
+def _judged_field(c: Camera) -> SensorField:
+    field, asked = sensor_field(c), [(one, least) for one in c.round_fields if (least := _least(one)) > 0]
+    if not asked:
+        return field
+
+    def beyond(radius: Array) -> Array:
+        circle = SensorField((-radius, -radius), (radius, radius))
+        return np.asarray(np.min([_reached(c, circle, *one) for one in asked], axis=0))
+
+    far = np.broadcast_to(field.radius, c.shape)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        radius, seen = far, beyond(far) >= 0
+        ends, values = [np.zeros(c.shape), far], [np.full(c.shape, -1.0), beyond(far)]
+        for _ in range(STEPS if seen.any() else 0):
+            radius = ends[1] - values[1] * (ends[1] - ends[0]) / (values[1] - values[0])
+            value = beyond(radius)
+            if np.all(np.abs(value[seen]) <= SETTLED):
+                break
+            # The end that stays counts less (Illinois), so that both move.
+            same_side = (value < 0) == (values[1] < 0)
+            ends = [np.where(same_side, ends[0], ends[1]), radius]
+            values = [np.where(same_side, values[0] / 2, values[1]), value]
+    if not seen.any():
+        return field
+    half = radius / np.sqrt(2)
+    left, below, right, above = (
+        np.where(seen, sign * half, end) for sign, side in zip((-1, 1), field, strict=True) for end in side
+    )
+    return SensorField((left, below), (right, above))
+
+
+def _least(asked: Required) -> float:
+    """Least radius [mm] or full angle [deg] of a round field that is required; 0 where it is at most limited."""
+    if asked.quantity == ROUND_RADIUS:
+        return read_quantity(asked.min or 0.0, "length", unit_required=False)
+    return parse_in(asked.min, "deg") if isinstance(asked.min, str) else asked.min or 0.0
+
+
+def _reached(c: Camera, circle: SensorField, asked: Required, least: float) -> Array:
+    """Round field that a circle on the array sees over the least that is required, less 1."""
+    if asked.quantity == ROUND_RADIUS:
+        return round_object_radius(c, circle, asked.at) / least - 1
+    seen = np.deg2rad(round_field_of_view(c, circle))  # tangents are nearly proportional to radii
+    return np.asarray(np.tan(seen / 2) / math.tan(math.radians(least / 2)) - 1)
 
 
 def direction_of_view(c: Camera, field: SensorField) -> Array:

@@ -21,6 +21,7 @@ from ..camera import Camera, Number
 from ..camera.rims import place_of
 from ..design import Design
 from ..design.parts import PATHS
+from ..design.required import ROUND_ANGLE, ROUND_RADIUS
 from ..errors import expect
 from ..toml_files import SLIP, nearest
 from ..words import listed, number, the
@@ -355,8 +356,6 @@ def _centre_shift(images: MicrolensImages) -> Number:
     return ((x1 - x0) * cos + (y1 - y0) * sin) / camera.q
 
 
-ROUND_ANGLE, ROUND_RADIUS = "round_field_of_view_deg", "round_field_radius_mm"
-"""Quantities of a round field: what requires one judges the field at its rim, and not in the sensor's corners."""
 _ROUND: dict[str, Any] = {**_NEITHER, "least": 0.0}
 
 
@@ -500,8 +499,10 @@ _EVERY = (
     Quantity(
         "non_distortion_room_mm",
         "mm",
-        "clearance of the pencil from the nearest rim, below 0 where it is cut; in `optimize` at the field's corner",
-        **_over_field(lambda c, _, field: vignetting.corner_room(c, field)),
+        "clearance of the pencil from the nearest rim, below 0 where it is cut; of the whole camera at the field's "
+        "corner, or the rim of a round field that is required",
+        of=lambda c, _: vignetting.corner_room(c, field_of_view.judged_field(c)),
+        over=lambda c, _, field: vignetting.corner_room(c, field),
         local=lambda images: images.clearance,
         equation="Eqs. 5-6",
         positive=False,

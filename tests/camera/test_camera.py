@@ -135,7 +135,7 @@ def test_cameras_are_equal_only_where_all_of_them_is():
             assert camera != other
             assert hash(camera) != hash(other)
         numbers = dict(reversed(camera.numbers.items()))  # equal whatever the order in which places were given
-        turned = Camera(numbers, *camera._kind)
+        turned = Camera(numbers, camera._kind)
         for twin in (pickle.loads(pickle.dumps(camera)), camera.replace({}), turned):
             assert twin == camera
             assert hash(twin) == hash(camera)

@@ -11,6 +11,7 @@ from roslf_design.design import DesignError, dumps, loads
 from roslf_design.design.files import preset_path
 from roslf_design.evaluation.fields import default_fields
 from roslf_design.evaluation.required import limits_for_study
+from roslf_design.optimization.goals import Constraint
 from roslf_design.tolerancing.result import analyse, share_that_meets
 from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.study import make_plan, read_study
@@ -120,6 +121,37 @@ def test_of_a_round_field_the_corners_of_the_sensor_do_not_matter():
     assert "the rim of the round field gets" in verdicts[1]["corner_lit"].text
     assert whole.required[0].met
     assert any(row[0] == "light at the rim of the round field" for row in whole.answer.rows)
+
+
+@pytest.mark.parametrize("kind", ["radius", "angle"])
+def test_clearance_of_every_command_is_that_at_the_rim_of_the_round_field(kind):
+    """By straight lines through points in air: a pencil of the rim's point on the focal plane at each stop."""
+    stop = {"diameter": 4.0, "distance": 128.0}, {"diameter": 30.0, "distance": 60.0}
+    low, name, at = (6.0, "round_field_radius_mm", 200.0) if kind == "radius" else (3.2, "round_field_of_view_deg", 0.0)
+    design = roslf.load("paper").replace(
+        {
+            "stops": stop,
+            "required": {name: {"min": low} | ({"at": at} if at else {})},
+            "microlens_array.decentre": (0.2, 0),
+        }
+    )
+    places, tip = np.array([100.0, 118.0, 124.0]), 128.0
+    slopes = low / (tip + at - places) if at else np.tan(np.radians(low / 2))
+    point, gap = slopes * (design.d_f - places), design.d_f - places  # from the FAP's middle to the focal plane
+    rooms = [
+        radius - point * np.abs(z - places) / gap - design.D_F / 2 * (design.d_f - z) / gap
+        for radius, z in ((design.D / 2, 0.0), (2.0, 128.0), (15.0, 60.0))
+    ]
+    least = np.min(rooms, axis=0)
+    cameras, clearance = Camera.of(design, {"d_3": places}), roslf.quantity("non_distortion_room_mm")
+    assert clearance(cameras) == pytest.approx(least, rel=1e-9)
+    assert roslf.sweep(design, {"d_3": places}, clearance.name).values[clearance.name] == pytest.approx(least, rel=1e-9)
+    held = Constraint(quantity=clearance.name, min=0.0)
+    assert held.values(cameras) == pytest.approx(least, rel=1e-9)
+    assert held.measured(cameras).min(axis=0) == pytest.approx(least, rel=1e-9)
+    for k, place in enumerate(places):
+        told = roslf.evaluate(design.replace(d_3=place), fields=[]).non_distortion.room_at_corner_mm
+        assert told == pytest.approx(least[k], rel=1e-9)
 
 
 def test_a_round_field_that_is_dark_at_its_rim_is_missed():

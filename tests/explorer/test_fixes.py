@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
-from roslf_design.evaluation.fields import rim_field
 from roslf_design.explorer.fixes import proposals
 from roslf_design.reporting.design.curves import matching_plane
 from roslf_design.theory.exit_pupil import is_telecentric, microlens_image_pitch
 from roslf_design.theory.f_number import fill_factor, mismatch_px
+from roslf_design.theory.field_of_view import judged_field
 from roslf_design.theory.focused import LEAST_VIEWS, filtered_views
 from roslf_design.theory.light import sensor_field
 from roslf_design.theory.vignetting import field_limit
@@ -284,11 +284,11 @@ def test_the_rim_of_a_round_field_of_many_cameras_is_each_one_s_own(asked):
     name, low = asked
     design = PAPER.replace({"required": {name: {"min": low}}})
     places = np.array([0.0, 20.0, 120.0, 250.0])
-    field = rim_field(design, Camera.of(design, {"d_3": places}))
+    field = judged_field(Camera.of(design, {"d_3": places}))
     # By hand: the focal plane is imaged at -d_1/d_f; an angle about the FAP's middle meets it so far off the axis.
     off = np.full(4, low) if asked[0].endswith("mm") else (design.d_f - places) * np.tan(np.radians(low / 2))
     assert np.hypot(*field.half) == pytest.approx(off * design.d_1 / design.d_f, rel=1e-8)
-    own = [rim_field(design.replace(d_3=place), Camera.of(design.replace(d_3=place))).half[0] for place in places]
+    own = [judged_field(Camera.of(design.replace(d_3=place))).half[0] for place in places]
     assert field.half[0] == pytest.approx(np.array(own), rel=1e-12)
     wide = PAPER.replace({"required": {"round_field_radius_mm": {"min": 200.0}}})
-    assert rim_field(wide, Camera.of(wide)).radius == sensor_field(Camera.of(wide)).radius
+    assert judged_field(Camera.of(wide)).radius == sensor_field(Camera.of(wide)).radius

@@ -33,13 +33,13 @@ from ...drawing.panel import Panel, Scale
 from ...drawing.picture import PAGE, Picture, legend_height, one_panel
 from ...drawing.theme import SMALL, short, text_width
 from ...evaluation import default_fields
-from ...evaluation.fields import judged_part, rim_field
+from ...evaluation.fields import judged_part
 from ...evaluation.required import required_distances
 from ...evaluation.working_range import WorkingRange
 from ...theory.depth_budget import BUILT, CALIBRATED, DepthBudget, depth_budget
 from ...theory.depth_error import depth_at, errors_at_fields
 from ...theory.f_number import matched, mismatch_px
-from ...theory.field_of_view import focus_ahead
+from ...theory.field_of_view import focus_ahead, judged_field
 from ...theory.length_covariance import CalibratedLengths, LengthCovariance
 from ...theory.light import SensorField
 from ...theory.light_field import rim_disparity
@@ -365,7 +365,7 @@ def _plane_of(design: Design, limits: Point | None = None) -> _MatchingPlane:
     # The mismatch is linear in D_F.
     low, high = mismatch_px(camera.replace({"d_3": across[[0, -1]], "D_F": up[[0, -1]]}))
     band = (np.array([[-1.0], [1.0]]) - low) / (high - low) * D_F[-1]
-    field = rim_field(design, camera.replace({"d_3": d_3}))
+    field = judged_field(camera.replace({"d_3": d_3}))
     return _MatchingPlane(
         d_3, exact, approximate, band, D_F, _margin(camera.replace({"d_3": across, "D_F": up}), field)
     )
@@ -391,7 +391,7 @@ def _right(design: Design, camera: Camera) -> float:
     reach = d_f * (1 - 1e-3)
     tried = np.linspace(0.0, reach, 401)
     moved = camera.replace({"d_3": tried, "D_F": np.zeros_like(tried)})
-    clear = tried[_margin(moved, rim_field(design, moved)) >= 0]
+    clear = tried[_margin(moved, judged_field(moved)) >= 0]
     match = matched(camera, "d_3")
     telecentric = _telecentric(camera)
     ends = telecentric, float(clear.max(initial=0.0)), float(match.value) if match.exists else 0.0
