@@ -101,10 +101,10 @@ def temperatures_met(c: Camera) -> tuple[Number, Number, Number] | None:
 def temperature_error(c: Camera, at: Depth | Array, met: tuple[Number, Number, Number] | None = None) -> Array | None:
     """Standard uncertainty that temperatures put into depths that are told as where the camera is calibrated [mm].
 
-    Root mean square, over the range, in which all temperatures are alike, of what lies between the depths that the same
-    picture has at T and at T_c: the shift itself where the range is one temperature. Infinite where a camera in the
-    range has no depth for the picture. None as `temperatures_met`, in whose place `met` may stand, and where nothing
-    says how the camera grows.
+    Root mean square, over the range, in which all temperatures are alike, of what lies between the depths ahead of the
+    tip that the same picture has at T and at T_c: the shift itself where the range is one temperature. The tip moves
+    with the housing. Infinite where a camera in the range has no depth for the picture. None as `temperatures_met`, in
+    whose place `met` may stand, and where nothing says how the camera grows.
     """
     met = met or temperatures_met(c)
     if met is None or c.growth is None:
@@ -119,7 +119,7 @@ def temperature_error(c: Camera, at: Depth | Array, met: tuple[Number, Number, N
     warmed = c.replace({TEMPERATURE: met_at.reshape(met_at.shape[:1] + between + met_at.shape[1:])})
     with np.errstate(invalid="ignore"):
         told = depth_told(warmed, slope)
-        told = np.where(told < 0, np.inf, told)  # beyond the infinitely far
+        told = np.where(told < 0, np.inf, told) - warmed.tip  # below 0 is beyond the infinitely far
         return _finite(np.sqrt(np.tensordot(RANGE_WEIGHTS, np.square(told[1:] - told[0]), 1)))
 
 

@@ -54,8 +54,9 @@ def test_builds_behind_a_real_lens_tell_it_too():
 
 
 def test_temperature_is_that_of_the_camera_made_cold_and_warm():
-    """Root mean square over the range; of the plane in focus, from a principal plane that moves by some um."""
-    moved = [SINGLET.at_temperature(degrees).d_f for degrees in np.linspace(15.0, 37.0, 45)]
+    """Root mean square over the range, of the plane in focus ahead of the tip."""
+    cameras = [Camera.of(SINGLET.at_temperature(degrees)) for degrees in np.linspace(15.0, 37.0, 45)]
+    moved = [float(camera["main_lens.focal_plane"] - camera.tip) for camera in cameras]
     shifts = np.array(moved) - moved[22]
     term = next(term for term in depth_budget(Camera.of(SINGLET)).terms if term.name == WARMTH)
     assert term.u_mm == pytest.approx(np.sqrt(np.trapezoid(shifts**2, dx=1 / 44)), rel=1e-3)

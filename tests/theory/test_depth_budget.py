@@ -34,6 +34,15 @@ WARM = roslf.load("cystoscope").replace(
         "main_lens.material": "N-BK7",
     }
 )
+HAND_HELD = roslf.load("paper").replace(
+    {
+        "main_lens": {"diameter": 20.0, "focal_length": 30.0, "focal_plane": 67.5},
+        "microlens_array.distance": None,
+        "aperture": {"diameter": 0.53, "distance": 45.0},
+        "stops": [{"diameter": 4.0, "distance": 53.0}],
+        "environment": {"temperature": "40 degC", "calibrated_at": "20 degC", "housing": "aluminium"},
+    }
+)
 PLACES = ("main_lens.focal_length", "microlens_array.distance", "aperture.distance", "sensor.distance")
 TOLERANCES = np.array([0.3, 0.05, 0.2, 0.004])
 BUILD = LengthCovariance(PLACES, np.diag(TOLERANCES**2))
@@ -163,15 +172,25 @@ def test_a_thousandth_of_d_1_moves_the_plane_in_focus():
 @pytest.mark.parametrize("calibrated_at", [None, "18 degC", "25 degC", "40 degC", "5 degC"])
 @pytest.mark.parametrize("medium", ["air", "water"])
 def test_temperature_is_the_root_mean_square_of_shifts_from_where_it_is_calibrated(medium, calibrated_at, at):
-    """Brute force: what the same picture is told as at each of 4001 temperatures of the range."""
+    """Brute force: what the same picture is told as, ahead of the tip, at each of 4001 temperatures of the range."""
     design = WARM.replace({"environment.calibrated_at": calibrated_at, "object_space": {"medium": medium}})
     camera = Camera.of(design)
     slope = epi_slope(camera, depth_at(camera, at))
     known = Camera.of(design, {"environment.temperature": float((calibrated_at or "27.5").split()[0])})
     met = Camera.of(design, {"environment.temperature": np.linspace(15.0, 40.0, 4001)})
-    shifts = depth_told(met, slope) - depth_told(known, slope)
+    shifts = (depth_told(met, slope) - met.tip) - (depth_told(known, slope) - known.tip)
     expected = np.sqrt(np.trapezoid(shifts**2, dx=1 / 4000))
     assert float(temperature_error(camera, at)) == pytest.approx(expected, rel=5e-5)
+
+
+def test_temperature_moves_the_plane_in_focus_ahead_of_the_tip_by_what_it_counts():
+    """Closed form: an ideal lens that nothing moves, in a housing that grows; d_1, its conjugate and the tip move."""
+    grown = 1 + 20 * 23.6e-6
+    with mpmath.workdps(40):
+        f, d_1 = mpmath.mpf("30"), 1 / (1 / mpmath.mpf("30") - 1 / mpmath.mpf("67.5"))
+        focus = 1 / (1 / f - 1 / (d_1 * grown))
+        expected = float((focus - 53 * grown) - (mpmath.mpf("67.5") - 53))
+    assert float(temperature_error(Camera.of(HAND_HELD), None)) == pytest.approx(abs(expected), rel=1e-9)
 
 
 def test_temperature_of_builds_at_distances_is_that_of_each_alone():
@@ -219,7 +238,8 @@ def test_without_a_range_temperature_counts_from_there_to_its_own():
     budget = terms(depth_budget(Camera.of(alone)))["temperature"]
     assert budget.remark == "25 °C, counted from 18 °C, where it is calibrated"
     away, known = (Camera.of(alone, {"environment.temperature": t}) for t in (25.0, 18.0))
-    shift = abs(float(away.plane_seen_at(away.seen.d_f)) - float(known.plane_seen_at(known.seen.d_f)))
+    there, before = (float(camera.plane_seen_at(camera.seen.d_f) - camera.tip) for camera in (away, known))
+    shift = abs(there - before)
     assert float(budget.u_mm) == pytest.approx(shift, rel=1e-9)
     warmer = terms(depth_budget(Camera.of(alone.at_temperature(18))))["temperature"]
     assert float(warmer.u_mm) == 0.0
