@@ -38,7 +38,7 @@ from ..theory.focused import has_views, pupil_remedy
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.limits import AT_FIELD, OFF_AXIS, as_design, held_by_builds, limits
 from ..theory.photometry import electrons, exposure
-from ..theory.quantities import NO_LENS_MOVES, QUANTITIES, quantity_named
+from ..theory.quantities import EXPANDED, NO_LENS_MOVES, QUANTITIES, quantity_named
 from ..theory.quantity import FEASIBLE, Quantity
 from ..traced.fields import images_of
 from ..words import clauses, length, number, on_side, percent, the, uncertainty
@@ -116,6 +116,8 @@ class Requirement:
     """Reasons to believe the value less; empty where none is known."""
     x_ml_mm: tuple[float, float] | None = None
     """Microlens that sees that place; None in the middle, and where the sensor does not see the place."""
+    coverage: float = 1.0
+    """Factor k of a file that limits U: words tell k times the value and the limits, which are of u."""
 
     def holds(self, values: Array | float) -> NDArray[np.bool_]:
         """Where values are within, but for what an optimiser's rounding may leave; nowhere where they are NaN."""
@@ -134,13 +136,18 @@ class Requirement:
         return f"{self.limits} ({ends})" if ends else self.limits
 
     @property
+    def told(self) -> float | None:
+        """Value as the file asks for it: of u, or of U."""
+        return None if self.value is None else self.coverage * self.value
+
+    @property
     def value_words(self) -> str:
         """Value in words."""
         return "none" if self.value is None else self._with_unit(self.value)
 
     def expanded(self, value: float | None) -> str:
-        """Expanded uncertainty, which tables show, of a value that is a standard uncertainty; empty of any other."""
-        if value is None or math.isinf(value) or self.quantity != "u_z_mm":
+        """Expanded uncertainty, which tables show, of a value told as a standard uncertainty; empty of any other."""
+        if value is None or math.isinf(value) or self.quantity != "u_z_mm" or self.coverage != 1:
             return ""
         return f"U = {self._with_unit(COVERAGE * value)}"
 
@@ -155,7 +162,7 @@ class Requirement:
 
     def _with_unit(self, value: float) -> str:
         if self.quantity in ("u_z_mm", "sigma_z_mm"):
-            return uncertainty(value, 4)
+            return uncertainty(self.coverage * value, 4)
         if self.quantity in tube.WIDTHS:  # of a tube into which it goes
             return f"{on_side(value, True, 4)} mm"
         if value == math.inf:
@@ -227,15 +234,17 @@ def requirements(
         **{name: partial(_width, camera, name) for name in tube.WIDTHS},
     }
     told, others = [], _also_held(shown.design, camera)
-    for asked, quantity, low, high in limits(shown.design):
+    for stated, (asked, quantity, low, high) in zip(shown.design.required, limits(shown.design), strict=True):
         depth = budget(asked.at) if quantity.name == "u_z_mm" else None
-        field = asked.off_axis
+        field, coverage = asked.off_axis, COVERAGE if stated.quantity == EXPANDED else 1.0
         value, closed, rays, middle, place, sampled = _valued(shown, camera, asked, quantity, depth)
         undefined = math.isnan(value) or (quantity.of_views and not has_views(camera))
         met = not undefined and bool(quantity.within(low, high, value))
         dark = _darkness(shown, quantity, low, value) if met else None
         met = met and dark != DARK
-        label = (quantity.label or quantity.name) + ("" if field is None else f" {shown.in_words(field)}")
+        label = (QUANTITIES[stated.quantity].label or quantity.name) + (
+            "" if field is None else f" {shown.in_words(field)}"
+        )
         label += "" if asked.at is None else f" at {number(asked.at, 4)} mm"
         at, only, remedy, of_detail = asked.at, "", "", quantity.unit == "lp/mm"
         counts = counted[quantity.name](at) if quantity.name in counted and not undefined else ""
@@ -294,7 +303,9 @@ def requirements(
             remedy = clauses(remedy, f"no aberration of {lens.name} is in that: leave it a margin")
         numbers, words = (at, low, high, None if undefined else value), (counts, only, remedy)
         told.append(
-            Requirement(quantity.name, label, *numbers, quantity.unit, met, *words, twin, field, caution, place)
+            Requirement(
+                quantity.name, label, *numbers, quantity.unit, met, *words, twin, field, caution, place, coverage
+            )
         )
     return tuple(told)
 
@@ -454,7 +465,7 @@ def _of_depth(budget: DepthBudget, most: float) -> str:
         return WAYS
     others = replace(budget, terms=tuple(term for term in budget.terms if term is not largest))
     rest = float(others.u_z_mm)
-    still = f"; without them it is {number(rest, 4)} mm, and misses still: {WAYS}" if rest > most else ""
+    still = f"; without them u is {number(rest, 4)} mm, and misses still: {WAYS}" if rest > most else ""
     way = KNOW_BETTER[largest.name]
     if largest.name == BUILT and CALIBRATED in [term.name for term in others.terms]:
         way = "the calibration does not see them, tighter tolerances hold them"

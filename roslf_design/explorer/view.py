@@ -434,7 +434,7 @@ def _asked(required: Sequence[Requirement]) -> dict[str, str]:
     """Light of what is required: of one its value and limit, of several how many are met, and the first that is not."""
     labels = [re.sub(r", \w+_\w+", "", one.label) for one in required]  # symbols stand in the sentence behind
     if len(required) == 1:
-        value = "none" if required[0].value is None else short(required[0].value, 4)
+        value = "none" if required[0].told is None else short(required[0].told, 4)
         symbol = "u " if required[0].expanded(1.0) else ""
         return _light([required[0].verdict], title=labels[0], margin=f"{symbol}{value} of {required[0].limits}")
     missed = [label for label, one in zip(labels, required, strict=True) if not one.met]

@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from roslf_design.evaluation.specification import FieldImages
 from roslf_design.reporting.sheet.lines import basis, datasheet_json
 from roslf_design.theory.length_covariance import CalibratedLengths, LengthCovariance
 from roslf_design.units import parse_quantity
-from roslf_design.words import number
+from roslf_design.words import number, uncertainty
 
 PLAIN = preset_path("rigid-scope").read_text()
 
@@ -185,16 +186,23 @@ def test_a_required_expanded_uncertainty_is_told_that_it_is_half_of_it_that_is_n
         roslf.evaluate(asked('U_z_mm = {at = "15 mm", max = "0.1 mm"}'))
 
 
-def test_a_required_expanded_uncertainty_is_that_of_u_at_half(tmp_path):
-    """Off the axis and with its reservations, too: all that is told of one is told of the other."""
+def test_a_required_expanded_uncertainty_is_that_of_u_at_half_told_as_asked():
+    """Off the axis and with its reservations, too: one number is judged, and told as the file asks for it."""
     for where in ('at = "20 mm"', 'at = "20 mm", field = "corner"', ""):
         comma = ", " * bool(where)
         once, twice = (
             roslf.evaluate(asked(f'{name} = {{{where}{comma}max = "{most} mm"}}')).required
             for name, most in (("u_z_mm", 0.1), ("expanded_u_z_mm", 0.2))
         )
-        assert once == twice
-    assert "(U = 0.2 mm)" in twice[0].both_limits
+        for u, expanded in zip(once, twice, strict=True):
+            assert replace(expanded, label=u.label, coverage=1.0) == u
+            assert expanded.told == 2 * u.value
+            assert expanded.label.startswith("depth, expected, U")
+            assert expanded.verdict.text.endswith(", required at most 0.2 mm") or ", missed by" in expanded.verdict.text
+            assert f" is {uncertainty(2 * u.value, 4)}" in expanded.verdict.text
+            assert "u_Z" not in expanded.verdict.text
+    told = roslf.evaluate(asked('expanded_u_z_mm = {at = "20 mm", max = "0.2 mm"}')).to_dict()["required"][0]
+    assert [told[key] for key in ("quantity", "min", "max")] == ["expanded_u_z_mm", None, 0.2]
 
 
 def test_expanded_uncertainty_is_what_the_budget_prints():
@@ -233,7 +241,7 @@ def test_depth_that_is_required_says_what_it_counts_as_the_budget_has_it():
     fine = asked('u_z_mm = {at = "20 mm", max = "1 um"}')
     assert "`roslf optimize` holds it" in roslf.evaluate(fine).verdicts[0].remedy  # of noise
     both = roslf.evaluate(fine, build=LengthCovariance(("sensor.distance",), np.array([[1.0]]))).verdicts[0].remedy
-    assert f"without them it is {number(bare.required[0].value, 4)} mm, and misses still" in both
+    assert f"without them u is {number(bare.required[0].value, 4)} mm, and misses still" in both
     given = roslf.evaluate(asked(text).replace({"depth": {"disparity_error": 0.01}})).required[0]
     assert given.counts == "of disparity error, without lengths as built and temperature"  # it has the others in it
 

@@ -414,7 +414,7 @@ def _required_lines(required: Iterable[Requirement]) -> Iterator[_SheetLine]:
         mark = f"{MARKS['limit']} " if one.met and one.only else ""
         told = [f"{mark}{one.outcome}: {one.both_limits}", one.expanded(one.value), one.counts, one.caution]
         text = "" if one.value is not None and math.isfinite(one.value) else one.value_words
-        yield _SheetLine(REQUIRED, one.label, one.value, one.unit, clauses(*told), own, text, of)
+        yield _SheetLine(REQUIRED, one.label, one.told, one.unit, clauses(*told), own, text, of)
 
 
 def _range_lines(within: WorkingRange) -> Iterator[_SheetLine]:

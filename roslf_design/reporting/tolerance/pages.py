@@ -21,7 +21,7 @@ from ...fates import ImageFate
 from ...tables import Column
 from ...theory.depth_budget import DepthBudget
 from ...theory.field_of_view import focus_ahead
-from ...theory.quantities import QUANTITIES, in_words
+from ...theory.quantities import EXPANDED, QUANTITIES, in_words
 from ...theory.quantity import finite
 from ...tolerancing.budgets import Change, ToleranceBudget
 from ...tolerancing.clearances import Missed, tight_clearances
@@ -189,7 +189,7 @@ def short_words(result: StudyResult) -> str:
     told = "; ".join(words for words, _ in result.short_of)
     if not told:
         return ""
-    if QUANTITIES["u_z_mm"].label not in told:
+    if not any(QUANTITIES[name].label in told for name in ("u_z_mm", EXPANDED)):
         return f"Builds fall short of what the design's [required] asks for: {told}."
     said = any(one.quantity == "u_z_mm" for one, *_ in result.limited_otherwise())  # by `believed`
     better = (
@@ -208,7 +208,7 @@ def believed(result: StudyResult) -> str:
         met = f"{one.value_words} {lengths}, {'met' if one.met else 'not met'}"
         if meeting is not None:
             met = f"{100 * meeting.value:.4g} % of {meeting.trials:,} builds meet it"
-        ends = {"at least": low, "at most": high}
+        ends = {"at least": one.coverage * low, "at most": one.coverage * high}
         own = words.listed([f"{end} {number(edge)}" for end, edge in ends.items() if math.isfinite(edge)])
         known = ", each with its own lengths known" if depth else ""
         own = f"the study's own limit, {own} {one.unit}".rstrip()
