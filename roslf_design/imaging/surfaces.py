@@ -20,7 +20,7 @@ UNIFORM, CHECKERBOARD, SINUSOID, PICTURE = 0, 1, 2, 3
 
 KIND, ORIGIN, NORMAL, ACROSS, ALONG, EXTENT = 0, 1, 4, 7, 10, 13
 """Places in a surface's row: kind; x, y, Z of its origin; a plane's normal and its u and v axes; two lengths (half
-width and height of a plane, radius of a sphere, radius and far end of a tube)."""
+width and height of a plane, radius of a sphere (negative of a hollow one), radius and far end of a tube)."""
 LOOK, LEVELS, WIDTH = 15, 16, 20
 """Texture's kind; its numbers; length of a row."""
 
@@ -163,7 +163,7 @@ def _on_plane(s: Any, hx: float, hy: float, ox: float, oy: float) -> Any:
 
 @kernel()
 def _on_round(s: Any, hx: float, hy: float, ox: float, oy: float) -> Any:
-    """As `_on_plane`, of a sphere's near side, or of a tube's wall behind its near end."""
+    """As `_on_plane`, of a sphere's near side, a hollow one's far side, or a tube's wall behind its near end."""
     # Counted from the surface's own distance, where the numbers are small.
     rx, ry = hx - ox * s[ORIGIN + 2] - s[ORIGIN], hy - oy * s[ORIGIN + 2] - s[ORIGIN + 1]
     sphere = int(s[KIND]) == SPHERE
@@ -172,10 +172,12 @@ def _on_round(s: Any, hx: float, hy: float, ox: float, oy: float) -> Any:
     under = b * b - a * c
     if under < 0.0 or a == 0.0 or (c > 0.0 and not sphere):
         return FAR, 0.0, 0.0
-    z = s[ORIGIN + 2] + (b + (-math.sqrt(under) if sphere else math.sqrt(under))) / a
+    near = sphere and s[EXTENT] > 0.0
+    z = s[ORIGIN + 2] + (b + (-math.sqrt(under) if near else math.sqrt(under))) / a
     dx, dy, dz = hx - ox * z - s[ORIGIN], hy - oy * z - s[ORIGIN + 1], s[ORIGIN + 2] - z
     if sphere:
-        return z, s[EXTENT] * math.atan2(dx, dz), s[EXTENT] * math.asin(min(1.0, max(-1.0, dy / s[EXTENT])))
+        radius = abs(s[EXTENT])
+        return z, radius * math.atan2(dx, dz if near else -dz), radius * math.asin(min(1.0, max(-1.0, dy / radius)))
     return z if z <= s[EXTENT + 1] else FAR, s[EXTENT] * math.atan2(dy, dx), z
 
 

@@ -28,7 +28,7 @@ from ..design.parts import MOST_CONTRAST, OCTAVES
 from ..errors import InputError, Problem
 from ..input_files import check_file, read_pixels
 from ..toml_files import KIND
-from ..units import Angle, AnyLength, Length
+from ..units import SHORTEST, Angle, AnyLength, Length
 
 MOST_LIGHT = 1e12
 """Radiance that nothing reaches: what is computed of it fits into single precision."""
@@ -264,17 +264,31 @@ class Points(_Placed):
 
 
 class Sphere(_Placed):
-    """An opaque sphere seen from outside; texture over (longitude, latitude) times radius, (0, 0) facing the lens."""
+    """An opaque sphere seen from outside, or a hollow one whose far side is seen from within.
+
+    Texture over (longitude, latitude) times radius, (0, 0) facing the lens.
+    """
 
     kind: Literal["sphere"] = "sphere"
-    distance: Length
-    """Z of its centre [mm]."""
-    radius: Length
-    """[mm]."""
+    distance: AnyLength
+    """Z of its centre [mm]; that of a hollow one may lie behind the camera."""
+    radius: AnyLength
+    """Positive of a ball; negative of a hollow one, as a cup or an eardrum [mm]."""
     centre: Offset = (0.0, 0.0)
     """(x, y) of its centre."""
     texture: Texture = Uniform()
     """Texture over the sphere's surface."""
+
+    @model_validator(mode="after")
+    def _can_be_seen(self) -> Sphere:
+        if abs(self.radius) < SHORTEST:
+            raise ValueError(f"radius {self.radius:g} mm is none; give one, negative where the sphere is hollow")
+        if self.distance <= min(self.radius, 0.0):
+            ways = (
+                "move it farther out" if self.radius < 0 else "move it farther out, or give a hollow one a radius < 0"
+            )
+            raise ValueError(f"distance {self.distance:g} mm of its centre puts it behind the camera; {ways}")
+        return self
 
     def _shifted(self, by: float) -> dict[str, Any]:
         return {"distance": self.distance + by}
@@ -326,7 +340,7 @@ def detail(thing: White | Plane | Points | Sphere | Tube) -> tuple[float, bool]:
         period = 2 * texture.width / texture.load().shape[1]  # two of its pixels
     if isinstance(thing, Plane):
         return (period, jumps) if thing.size is None else (min(period, 2 * min(thing.size)), True)
-    return min(period, 4 * thing.radius), True
+    return min(period, 4 * abs(thing.radius)), True
 
 
 def brightness(thing: White | Plane | Sphere | Tube) -> float:
@@ -353,12 +367,13 @@ def depths(
     focal_plane : float
         Z [mm] of planes that give none.
     slopes, height : float
-        How far off its axis the camera looks, ``slopes Z + height`` [mm], for planes without bounds.
+        How far off its axis the camera looks, ``slopes Z + height`` [mm], for planes without bounds and hollow spheres.
     """
     if isinstance(thing, Points):
         yield from (z for _, _, z in thing.positions)
     elif isinstance(thing, Sphere):
-        yield from (thing.distance - thing.radius, thing.distance)
+        near = thing.distance - thing.radius
+        yield from (near, thing.distance if thing.radius > 0 else _nearest_within(thing, slopes, height))
     elif isinstance(thing, Tube):
         yield from (thing.start, thing.end)
     elif isinstance(thing, Plane):
@@ -375,3 +390,16 @@ def depths(
         steepest = math.hypot(rise_x, rise_y)
         rise, start = steepest * slopes, steepest * height
         yield from ((at_axis + sign * start) / (1 - sign * rise) if sign * rise < 1 else math.inf for sign in (-1, 1))
+
+
+def _nearest_within(hollow: Sphere, slopes: float, height: float) -> float:
+    """Z at which the rays farthest from a hollow sphere's middle leave it, or at most graze it [mm]."""
+    off = math.hypot(*hollow.centre)
+
+    def left(slope: float, start: float) -> float:
+        steep = math.hypot(1.0, slope)
+        graze = -hollow.radius * steep
+        beside = max(-graze, min(graze, slope * hollow.distance + start))
+        return hollow.distance + (math.sqrt(graze**2 - beside**2) - slope * beside) / steep**2
+
+    return min(left(side * slopes, side * height - off) for side in (-1, 1))

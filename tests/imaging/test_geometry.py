@@ -180,6 +180,8 @@ def test_a_uniform_plane_looks_like_a_white_field(near_light):
     [
         Plane(distance=330.0, tilt=(0.2, -0.1), texture=Sinusoid(period=2.0, angle=0.4)),
         Sphere(distance=345.0, radius=15.0, centre=(1.0, -2.0), texture=Sinusoid(period=2.0)),
+        Sphere(distance=345.0, radius=-15.0, centre=(1.0, -2.0), texture=Sinusoid(period=2.0)),
+        Sphere(distance=150.0, radius=-90.0, centre=(3.0, 1.0), texture=Sinusoid(period=2.0, angle=0.7)),
         Tube(start=200.0, end=900.0, radius=12.0, texture=Sinusoid(period=9.0, angle=1.0)),
     ],
 )
@@ -207,13 +209,15 @@ def by_marching(thing, ox, oy):
             normal = np.array([np.sin(t_y) * np.cos(t_x), -np.sin(t_x), np.cos(t_x) * np.cos(t_y)])
             return normal @ [x, y, -z + thing.distance]
         if isinstance(thing, Sphere):
-            return np.hypot(np.hypot(x - thing.centre[0], y - thing.centre[1]), z - thing.distance) - thing.radius
+            away = np.hypot(np.hypot(x - thing.centre[0], y - thing.centre[1]), z - thing.distance)
+            return away - thing.radius if thing.radius > 0 else -thing.radius - away
         return thing.radius - np.hypot(x, y)
 
     depths = np.linspace(201, 900, 20001)
     signs = np.array([inside(z) for z in depths]) > 0
-    crossed = np.nonzero(signs[:-1] != signs[1:])[0]
-    if not signs[0] or not crossed.size:
+    hollow = isinstance(thing, Sphere) and thing.radius < 0
+    crossed = np.nonzero(signs[:-1] & ~signs[1:])[0]  # a hollow one is left, whether its near side was met or not
+    if not (signs[0] or hollow) or not crossed.size:
         return 0.123
     low, high = depths[crossed[0]], depths[crossed[0] + 1]
     for _ in range(60):
@@ -229,8 +233,8 @@ def by_marching(thing, ox, oy):
         return float(grating(thing.texture, u_axis @ at, v_axis @ at))
     if isinstance(thing, Sphere):
         dx, dy, dz = x - thing.centre[0], y - thing.centre[1], thing.distance - z
-        r = thing.radius
-        return float(grating(thing.texture, r * np.arctan2(dx, dz), r * np.arcsin(dy / r)))
+        r, towards = abs(thing.radius), dz if thing.radius > 0 else -dz
+        return float(grating(thing.texture, r * np.arctan2(dx, towards), r * np.arcsin(dy / r)))
     return float(grating(thing.texture, thing.radius * np.arctan2(y, x), z))
 
 

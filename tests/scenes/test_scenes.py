@@ -17,10 +17,13 @@ from roslf_design.scenes import (
     SceneError,
     SceneLight,
     Sinusoid,
+    Sphere,
     Tube,
     load_scene,
     make_scene,
 )
+from roslf_design.scenes.objects import depths
+from roslf_design.scenes.scene import chief_ray_limits
 from roslf_design.toml_files import parse_toml
 
 PAPER = load("paper")
@@ -221,6 +224,42 @@ def test_values_that_make_no_scene_are_told_in_one_line_each_however_they_are_gi
     for part, key in ((Plane, "distance"), (SceneLight, "exposure"), (MicrolensArray, "pitch")):
         with pytest.raises(InputError, match=rf"{key}x: is not a known key; did you mean '{key}'\?"):
             part(**{key: 1.0, f"{key}x": 1.0})
+
+
+@pytest.mark.parametrize(
+    "own", [{}, {"centre": (3.0, -4.0)}, {"distance": 330.0, "radius": -25.0}, {"distance": -50.0}]
+)
+def test_depths_of_a_hollow_sphere_are_those_that_rays_of_the_field_find(own):
+    cup = Sphere(**({"distance": 150.0, "radius": -220.0 - 200 * (own.get("distance", 0) < 0)} | own))
+    slope, height = chief_ray_limits(PAPER)
+    near, far = sorted(depths(cup, PAPER.d_f, slope, height))
+    turns = np.linspace(0, 2 * np.pi, 721)[:, None]
+    share = np.linspace(0, 1, 201)
+    ways = np.stack([np.cos(turns) * share, np.sin(turns) * share], -1).reshape(-1, 2)
+    met_at, _ = met(encode(Scene(objects=(cup,)), PAPER.d_f), 0.0, np.hstack([height * ways, -slope * ways]))
+    some = met_at[np.isfinite(met_at)]
+    if cup.radius < -25.0:
+        assert some.size == met_at.size
+        assert some.min() == pytest.approx(near, abs=2e-3)  # half a step of 1/720 turn from the farthest ray
+    else:  # smaller than the field: some ray less steep than the steepest grazes it, where it is known to no better
+        assert 0 <= some.min() - near < slope * 25.0 + np.sqrt(2 * 25.0 * 0.25)
+    assert near < some.max() <= far == cup.distance - cup.radius
+
+
+def test_a_hollow_sphere_is_seen_at_its_far_side_and_one_behind_the_camera_is_refused():
+    drum = Scene(objects=({"kind": "sphere", "distance": 3.0, "radius": -12.0, "measured_from": "tip"},))
+    ray = np.array([[0.0, 0.0, 0.0, 0.0]])
+    (seen,), _ = met(encode(drum.seen_by(PAPER), PAPER.d_f), 120.0, ray)
+    assert seen == pytest.approx(120.0 + 3.0 + 12.0)
+    sphere = '[[objects]]\nkind = "sphere"\ndistance = "{}"\nradius = "{}"'
+    for distance, radius, words in (
+        ("300 mm", "0 mm", "radius 0 mm is none"),
+        ("-1 mm", "12 mm", "behind the camera; move it farther out, or give a hollow one"),
+        ("-13 mm", "-12 mm", "behind the camera; move it farther out"),
+    ):
+        (line,) = faults(sphere.format(distance, radius))
+        assert line.startswith("s.toml: objects.0")
+        assert words in line
 
 
 def test_distances_ahead_of_the_tip_are_those_from_the_lens_less_the_bore():
