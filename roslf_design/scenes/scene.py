@@ -170,7 +170,7 @@ def chief_ray_limits(design: Design) -> tuple[float, float]:
     slope = Subject(design).x_ml * float(camera.seen.inverse_m) / float(camera.seen.gap)
     end, plane = camera.front
     if end == 0:
-        return slope, 0.0
+        return slope, -slope * float(camera.seen.d_3)
     outside = slope * float((plane.d - plane.c * camera.seen.d_3) / plane.medium)
     height = slope * float(plane.b - plane.a * camera.seen.d_3) - outside * float(end)
 

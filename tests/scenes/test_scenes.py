@@ -246,6 +246,17 @@ def test_depths_of_a_hollow_sphere_are_those_that_rays_of_the_field_find(own):
     assert near < some.max() <= far == cup.distance - cup.radius
 
 
+def test_chief_rays_of_the_field_go_through_the_middle_of_the_fap():
+    """Of a wall that is tilted as far as the steepest of them allows, all is in sight."""
+    slope, height = chief_ray_limits(PAPER)
+    assert slope * PAPER.d_3 + height == pytest.approx(0, abs=1e-12)
+    wall = Plane(tilt=(0.0, 0.99 * np.arctan(1 / slope)))
+    near, far = sorted(depths(wall, PAPER.d_f, slope, height))
+    rise = np.tan(wall.tilt[1])
+    for z, side in ((near, -1), (far, 1)):  # on the wall, and on the ray
+        assert z == pytest.approx(PAPER.d_f + side * rise * slope * (z - PAPER.d_3), rel=1e-9)
+
+
 def test_a_hollow_sphere_is_seen_at_its_far_side_and_one_behind_the_camera_is_refused():
     drum = Scene(objects=({"kind": "sphere", "distance": 3.0, "radius": -12.0, "measured_from": "tip"},))
     ray = np.array([[0.0, 0.0, 0.0, 0.0]])
