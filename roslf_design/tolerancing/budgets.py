@@ -19,7 +19,7 @@ import numpy as np
 from .._arrays import Array
 from ..progress import UNHEARD, Share, part_of
 from .draws import Draws
-from .places import Aim, GradeLine, Grades, expand, nominal_values, parse_tolerance, perturbable
+from .places import Aim, GradeLine, Grades, expand, focus_fault, nominal_values, parse_tolerance, perturbable
 from .study import CALIBRATION, Adjuster, Study, TolerancePlan, focused_twice
 from .trials import BLOCK, focus_travel, holding, measure_finally
 from .yields import (
@@ -419,12 +419,13 @@ def _adjusted(now: _Builds, grades: Grades, trials: int) -> Iterator[tuple[Chang
             reach = parse_tolerance(line.range, kinds[places[0]], 1.0) if line.range else math.inf
             lengths = [abs(nominal[place]) for place in places if place.endswith(".distance") and nominal[place]]
             reach = min([reach, *(HALF * length for length in lengths)])
-            if line.aim == "focus":  # no farther than builds want
-                travel = focus_travel(plan, first_draws(plan.draws, trials))
-                reach = min(reach, float(f"{FINER * travel:.1e}"))
-                if not travel or any(focused_twice((Adjuster(places[0], reach, line.aim), *plan.adjusters), missed)):
-                    continue
             other = plan.with_adjusters(*(Adjuster(place, reach, line.aim) for place in places))
+            if line.aim == "focus":  # no farther than builds want
+                if focus_fault(line.aim, places, design) or any(focused_twice(other.adjusters, missed)):
+                    continue
+                travel = focus_travel(plan, places[0], first_draws(plan.draws, trials))
+                reach = min(reach, float(f"{FINER * travel:.1e}"))
+                other = plan.with_adjusters(Adjuster(places[0], reach, line.aim))
         builds, few = now._replace(plan=other), min(trials, curve_trials(other))
         result = Yield(builds.passed(few), few)
         yield Change("adjustment", ((line.place, "", reach),), line.cost, result, line.aim), builds

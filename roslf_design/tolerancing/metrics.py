@@ -23,7 +23,7 @@ from ..theory.field_of_view import focus_ahead
 from ..theory.quantities import DECODED, QUANTITIES
 from ..theory.quantity import Quantity
 from .ideal import IdealBuilds
-from .places import LENSLETS, of_parts
+from .places import FOCUSING, LENSLETS, nominal_values, of_parts
 from .traced import AS_IF_THIN, TracedBuilds, as_built, real_lens_builds
 
 METRICS = {
@@ -42,6 +42,8 @@ SHAPES = frozenset({"kept_fraction", "image_area_mm2", "axis_ratio"})
 """Metrics of the shapes that rims leave of images."""
 IN_USE = frozenset((TEMPERATURE, MEDIUM, PATHS["wavelength"]))
 """Places that tell where a camera is used, not how it is built."""
+STEP = 1e-2
+"""Share of d_1 by which a lens is moved to see how focus follows: exact, whatever it is."""
 WORTH_ASKING = 0.9
 """Share of builds that are cameras below which these alone are measured: the others' numbers mean nothing."""
 
@@ -308,20 +310,33 @@ def builds_of(
     return mount.builds(camera, rest, afresh), valid & mount.sound
 
 
-def focus_moves(question: Question, values: Mapping[str, Array], trials: int) -> Array:
-    """Moves of the array that focus builds at assembly, shape (trials,) [mm]; NaN where no place of it would.
+def focus_moves(question: Question, values: Mapping[str, Array], trials: int, place: str = FOCUSING) -> Array:
+    """Moves of a place that focus builds at assembly, shape (trials,) [mm]; NaN where none would.
 
     In focus is then what stands as far ahead of each one's tip as the design has it, in the design's own temperature,
-    medium and light. Parameters as for `evaluate_builds`.
+    medium and light. Parameters as for `evaluate_builds`. The array follows from its conjugate; as a lens in the bore
+    moves, B of the way from there to the array is of second degree, and its nearer root is taken.
     """
-    _, plane, distance = CONJUGATES
-    with np.errstate(all="ignore"):
-        built = {place: numbers for place, numbers in values.items() if place not in IN_USE}
-        mount = _mount(question.design, built, trials)
+    built = {place: numbers for place, numbers in values.items() if place not in IN_USE}
+
+    def out_of_focus(move: float) -> Number:
+        mount = _mount(question.design, built | {place: built.get(place, own) + np.full(trials, move)}, trials)
         camera = mount.nominal.replace(mount.changes)
         asked = camera.tip + focus_ahead(mount.nominal)
-        focused = camera.chain.followed({**camera.numbers, plane: asked}, distance)
-        return np.broadcast_to(np.subtract(focused, camera[distance]), (trials,))
+        if place == FOCUSING:
+            return camera.chain.followed({**camera.numbers, CONJUGATES[1]: asked}, place) - camera[place]
+        seen = camera.plane(asked)
+        return seen.b + camera.seen.d_1 * (seen.a - seen.b / camera.f)
+
+    own = nominal_values(question.design)[place]
+    with np.errstate(all="ignore"):
+        here = np.broadcast_to(out_of_focus(0.0), (trials,))
+        if place == FOCUSING:
+            return here
+        step = STEP * question.design.d_1
+        behind, ahead = out_of_focus(-step), out_of_focus(step)
+        slope, bend = (ahead - behind) / 2, (ahead + behind) / 2 - here
+        return np.asarray(-2 * step * here / (slope + np.copysign(np.sqrt(slope**2 - 4 * bend * here), slope)))
 
 
 def faults_of(question: Question, values: Mapping[str, Array], trials: int) -> dict[str, NDArray[np.bool_]]:

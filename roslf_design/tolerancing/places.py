@@ -37,7 +37,7 @@ Value = TypeVar("Value")
 Aim = Literal["limits", "focus"]
 """Aim of an adjustment of each build: where the limits hold best, or where it is in focus as designed."""
 FOCUSING = CONJUGATES[2]
-"""Place of the part that focuses: the array, with the sensor behind it."""
+"""Place of the part that usually focuses: the array, with the sensor behind it."""
 
 SHORT = {"relay": "sensor.relay_magnification", "rotation": "microlens_array.rotation"}
 """Short names beside the paper's symbols."""
@@ -185,13 +185,21 @@ def _matching(known: Iterable[str], name: str) -> tuple[str, ...]:
     return tuple(place for place in known if pattern.fullmatch(place))
 
 
-def focus_fault(aim: Aim, names: Iterable[str]) -> str:
+def focus_fault(aim: Aim, names: Iterable[str], design: Design | None = None) -> str:
     """Words on what cannot be moved to the focus among places or their symbols; empty where nothing is wrong."""
-    others = [name for name in names if PATHS.get(name, name) != FOCUSING]
+    others = [name for name in names if not _focuses(PATHS.get(name, name), design)]
     if aim != "focus" or not others:
         return ""
-    focusing = f"'focus' is set by {FOCUSING} (d_1), the sensor going along, not by {others[0]}"
-    return f"{focusing}; name that place, or leave out aim"
+    able = f"{FOCUSING} (d_1), the sensor going along, or by the distance of a lens in the bore"
+    return f"'focus' is set by {able}, not by {others[0]}; name one of these, or leave out aim"
+
+
+def _focuses(place: str, design: Design | None) -> bool:
+    """Whether moving it moves the focus, of a design that is known."""
+    element = re.fullmatch(r"elements\.(\d+)\.distance", place)
+    if element is None or design is None:
+        return element is not None or place == FOCUSING
+    return design.elements[int(element[1])].bends
 
 
 def short_name(place: str, design: Design | None = None) -> str:

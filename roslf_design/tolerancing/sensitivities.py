@@ -136,14 +136,15 @@ def least_reach(plan: TolerancePlan) -> tuple[Adjuster, float] | None:
     for reach in (step * 10.0**decade for decade in range(-2, 3) for step in STEPS):
         if reach > plan.question.design.d_1 / 2:
             break
-        adjusted = replace(plan.limited, adjusters=(*others, Adjuster(FOCUSING, reach, aim)))
+        focus = Adjuster(FOCUSING, reach, aim)
+        adjusted = replace(plan.limited, adjusters=others).with_adjusters(focus)
 
         def lost(some: Array, plan: TolerancePlan = adjusted) -> NDArray[np.bool_]:
             return np.asarray(np.isnan(measure_finally(plan, some)).all(axis=0))
 
         failed = failures(lost, deviations, (1 - TOGETHER) * deviations.shape[1])
         if failed is not None:
-            return adjusted.adjusters[-1], 1 - failed / deviations.shape[1]
+            return focus, 1 - failed / deviations.shape[1]
     return None
 
 

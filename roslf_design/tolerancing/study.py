@@ -221,15 +221,15 @@ class Compensate(StrictTable):
     place: Annotated[tuple[str, ...], BeforeValidator(_listed), AfterValidator(_adjustable)]
     aim: Aim = "limits"
     """Aim of the move: `"limits"`, where the goals' quantities are nearest to nominal; `"focus"`, of the array
-    (`microlens_array.distance`), where what is in focus is as far ahead of the tip as designed, at the design's own
-    temperature, medium and light."""
+    (`microlens_array.distance`) or a lens in the bore (`elements.0.distance`), where what is in focus is as far ahead
+    of the tip as designed, at the design's own temperature, medium and light."""
     range: str | float | None = None
     """How far it can be moved either way; without limit where left out."""
 
     @field_validator("aim")
     @classmethod
     def _focuses(cls, aim: Aim, info: ValidationInfo) -> Aim:
-        if fault := focus_fault(aim, info.data.get("place", ())):
+        if fault := focus_fault(aim, info.data.get("place", ()), _design(info)):
             raise ValueError(fault)
         return aim
 
@@ -729,7 +729,10 @@ def _adjusters(study: Study, design: Design) -> tuple[Adjuster, ...]:
 def focused_twice(adjusters: Collection[Adjuster], perturbations: Iterable[Perturbation]) -> Iterator[Problem]:
     """Faults of a study that focuses each build and says otherwise, too, where its focus is."""
     plane = CONJUGATES[1]
-    if any(one.aim == "focus" for one in adjusters):
+    focusing = [one.place for one in adjusters if one.aim == "focus"]
+    if len(focusing) > 1:
+        yield Problem("compensators", f"{' and '.join(focusing)} cannot all be set to the focus; leave one of them")
+    if focusing:
         words = f'{plane} is what aim = "focus" sets on each build: drop it here, or that compensator'
         if any(p.place == plane for p in perturbations):
             yield Problem("perturb", words)

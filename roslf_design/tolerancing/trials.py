@@ -149,10 +149,10 @@ def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]
     return design_adjusted(plan, measured.deviations, measured.moved), measured
 
 
-def focus_travel(plan: TolerancePlan, deviations: Array) -> float:
-    """Largest move that focuses builds at these deviations, shape (P, trials), wherever their travel ends [mm]."""
-    moves = focus_moves(plan.question, plan.draws.values(deviations), deviations.shape[1])
-    return float(np.nanmax(np.abs(moves), initial=0.0))
+def focus_travel(plan: TolerancePlan, place: str, deviations: Array) -> float:
+    """Largest move of a place that focuses builds at these deviations, (P, trials), wherever its travel ends [mm]."""
+    moves = focus_moves(plan.question, plan.draws.values(deviations), deviations.shape[1], place)
+    return float(np.max(np.abs(moves[np.isfinite(moves)]), initial=0.0))
 
 
 def design_adjusted(plan: TolerancePlan, deviations: Array, moved: Array) -> Design:
@@ -311,8 +311,9 @@ class Compensator:
         """Moves of what focuses, as far as it reaches; none where nothing would be in focus."""
         if not self.focusing:
             return np.empty((0, trials))
-        moves, reach = focus_moves(self.plan.question, values, trials), self.focusing[0].reach
-        return np.clip(np.where(np.isfinite(moves), moves, 0.0), -reach, reach)[None]
+        (one,) = self.focusing
+        moves = focus_moves(self.plan.question, values, trials, one.place)
+        return np.clip(np.where(np.isfinite(moves), moves, 0.0), -one.reach, one.reach)[None]
 
     def measured(self, values: Mapping[str, Array], moved: Array) -> Array:
         """All columns of the adjusted builds."""

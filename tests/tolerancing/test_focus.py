@@ -69,30 +69,34 @@ def tip(design, at):
     return max(at["aperture.distance"], *ends, 0.0)
 
 
-def focused_d_1(design, at):
-    """Place of the array at which the object at the nominal distance from the tip is sharp, by search [mm]."""
+def focused(design, at, place=D_1):
+    """Where the array, or another part, makes the object at the nominal distance from the tip sharp, by search [mm]."""
     nominal = nominal_values(design)
     drawn, drawn_length = lens_of(design, nominal)
     (a, _), (c, d) = along(*drawn)
     front, rear = (d - 1) / c, drawn_length + (1 - a) / c  # principal planes as drawn, from the first vertex
-    here, medium = tip(design, at) + (design.d_f - tip(design, nominal)), at.get("object_space.index", 1.0)
-    steps = []
-    for k in sorted(range(len(design.elements)), key=lambda k: -at[f"elements.{k}.distance"]):
-        place = f"elements.{k}."
-        one = {p.removeprefix(place): value for p, value in at.items() if p.startswith(place)}
-        thick = one.get("thickness", 0.0)
-        steps += [gap(here - one["distance"] - thick, medium), element(one, design.elements[k].kind)]
-        here, medium = one["distance"], 1.0
     lens, length = lens_of(design, at)
-    steps += [gap(here - front, medium), *lens]
-    glass = 0.0
-    if "microlens_array.substrate.thickness" in at:  # in front of the microlenses
-        glass = at["microlens_array.substrate.thickness"] * (1 - 1 / at["microlens_array.substrate.index"])
 
-    def defocus(d_1):
-        return along(*steps, gap(rear + d_1 - length - glass))[0, 1]
+    def defocus(moved):
+        numbers = {**at, place: moved}
+        here = tip(design, numbers) + (design.d_f - tip(design, nominal))
+        medium, steps = numbers.get("object_space.index", 1.0), []
+        for k in sorted(range(len(design.elements)), key=lambda k: -numbers[f"elements.{k}.distance"]):
+            own = f"elements.{k}."
+            one = {p.removeprefix(own): value for p, value in numbers.items() if p.startswith(own)}
+            thick = one.get("thickness", 0.0)
+            steps += [gap(here - one["distance"] - thick, medium), element(one, design.elements[k].kind)]
+            here, medium = one["distance"], 1.0
+        steps += [gap(here - front, medium), *lens]
+        glass = 0.0
+        if "microlens_array.substrate.thickness" in at:  # in front of the microlenses
+            glass = at["microlens_array.substrate.thickness"] * (1 - 1 / at["microlens_array.substrate.index"])
+        return along(*steps, gap(rear + numbers[D_1] - length - glass))[0, 1]
 
-    return brentq(defocus, 0.2 * design.d_1, 5 * design.d_1, xtol=1e-13, rtol=1e-14)
+    # Of a lens in the bore there may be two such places: the one that is near.
+    near = 0.5 if design.lens is None else 8.0
+    low, high = (0.2 * at[D_1], 5 * at[D_1]) if place == D_1 else (at[place] - near, at[place] + near)
+    return brentq(defocus, low, high, xtol=1e-13, rtol=1e-14)
 
 
 ACHROMAT = load("paper-singlet").replace({"main_lens.prescription": "AC508-100-A", "main_lens.reversed": False})
@@ -110,6 +114,9 @@ DESIGNS = {
     "rods": load("grin-needle"),
     "singlet": load("paper-singlet"),
     "achromat": ACHROMAT,
+    "achromat behind a lens": ACHROMAT.replace(
+        {"elements": [{"kind": "lens", "distance": 10.0, "focal_length": 200.0, "diameter": 45.0}]}
+    ),
 }
 
 
@@ -124,18 +131,28 @@ def study(design, goals=({"metric": "working_distance_mm", "min": 0},), **more):
     return tolerance_plan({**data, **more}, design)
 
 
-@pytest.mark.parametrize("name", DESIGNS)
-def test_each_build_is_in_the_focus_that_a_search_through_its_matrices_finds(name):
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [
+        *((name, D_1) for name in DESIGNS),
+        ("relay", "elements.0.distance"),  # the ocular
+        ("relay", "elements.4.distance"),
+        ("rods", "elements.0.distance"),
+        ("achromat behind a lens", "elements.0.distance"),
+    ],
+)
+def test_each_build_is_in_the_focus_that_a_search_through_its_matrices_finds(name, place):
     design = DESIGNS[name]
-    plan, *_ = study(design, grade="high", exclude=beside_the_form(design), compensators=[FOCUS])
+    line = {"place": place, "aim": "focus"}
+    plan, *_ = study(design, grade="high", exclude=beside_the_form(design), compensators=[line])
     draws = plan.draws
     deviations = draws.deviations(draws.uniforms(0, 64, 0, 64))
     values = draws.values(deviations)
     nominal = nominal_values(design)
     found = measure(plan, deviations)
     assert found.moved.shape == (1, 64)
-    searched = [focused_d_1(design, {**nominal, **{place: row[k] for place, row in values.items()}}) for k in range(64)]
-    built = values.get(D_1, nominal[D_1])
+    searched = [focused(design, {**nominal, **{p: row[k] for p, row in values.items()}}, place) for k in range(64)]
+    built = values.get(place, nominal[place])
     assert found.moved[0] == pytest.approx(searched - built, abs=1e-8)
     assert np.ptp(found.moved[0]) > 1e-3
 
@@ -252,6 +269,7 @@ def test_lengths_as_built_are_those_of_cameras_in_focus():
         ({"place": "d_1", "aim": "sharp"}, "compensators.0.aim", "write 'limits' or 'focus'"),
         ({"place": "calibration", "aim": "focus"}, "compensators.0.aim", "not by calibration"),
         ({"place": ["d_1", "d_2"], "aim": "focus"}, "compensators.0.aim", "not by sensor.distance"),
+        ({"place": ["d_1", "elements.0.distance"], "aim": "focus"}, "compensators.0.place", "elements.0.distance"),
     ],
 )
 def test_what_cannot_be_focused_is_told(line, key, words):
@@ -270,6 +288,15 @@ def test_a_focal_plane_that_misses_and_is_focused_is_a_contradiction():
     with pytest.raises(InputError) as caught:
         study(load("paper"), grade="high", compensators=[FOCUS, {"place": plane}])
     assert [problem.key for problem in caught.value.problems] == ["compensators"]
+
+
+def test_one_place_focuses_and_it_moves_the_focus():
+    ocular = {"place": "elements.0.distance", "aim": "focus"}
+    with pytest.raises(InputError, match="cannot all be set to the focus") as caught:
+        study(load("cystoscope"), grade="high", compensators=[FOCUS, ocular])
+    assert [problem.key for problem in caught.value.problems] == ["compensators"]
+    with pytest.raises(InputError, match="a lens in the bore"):  # a window does not
+        study(WINDOW, grade="high", compensators=[ocular])
 
 
 def test_the_page_proposes_focus_where_lengths_that_it_takes_out_are_at_fault():

@@ -56,6 +56,7 @@ EXACTLY = (
 """Words on errors that a study's calibration of each build has not."""
 MOST_FAULTS, MOST_WAYS = 4, 2
 """Reasons why builds cannot be put together that a sentence names."""
+AIMS = {"focus": "focus at assembly", "limits": "adjust"}
 SETTINGS = {
     ("microlens_array.distance", "focus"): "focus the array at assembly",
     ("microlens_array.distance", "limits"): "set the array where the limits hold best",
@@ -761,7 +762,7 @@ def _change_words(result: StudyResult, change: Change) -> str:
         name = "calibration of each build" if place == CALIBRATION else short_name(place, design)
         if change.kind == "adjustment":
             said.append(
-                f"{SETTINGS.get((place, change.aim or ''), 'adjust')}: {name}"
+                f"{SETTINGS.get((place, change.aim or ''), AIMS[change.aim or 'limits'])}: {name}"
                 + (f", {'travel ' * (change.aim == 'focus')}± {_width(design, place, to)}" if math.isfinite(to) else "")
             )
         else:
