@@ -30,7 +30,7 @@ from ..theory.limits import limits
 from ..theory.quantity import FEASIBLE
 from ..theory.stop_images import MicrolensImages, stop_openings
 from ..traced.camera import camera_of
-from ..traced.fields import images_of
+from ..traced.fields import DesignImages, images_of
 from ..traced.images import measured_bound, real_field
 from .groups import Field, Numbers, RayBudget, RealLens, RealLensField, Share
 
@@ -48,6 +48,8 @@ FIELD_NAMES = ("centre", "edge", "corner")
 """Names of `default_fields`."""
 TRIED = 33
 """Microlenses towards the field's corner between which one is looked for, twice: to 1e-6 of the way there."""
+HALVINGS = 11
+"""Steps towards where light ends behind a real lens, to 1e-3 of the way."""
 ROUND_FIELD = "round field"
 """Words for the field that a design requires to be round."""
 MOST_FIELDS = 500
@@ -109,14 +111,46 @@ def _radius(design: Design, angle: float | None, height: float | None, at: float
         images = images_of(design, on_array(camera, shares[:, np.newaxis] * corner))
         ways = off_axis(images.directions) if height is None else np.hypot(*images.on_plane(plane))
         off = np.broadcast_to(ways, (TRIED, 1))[:, 0]
-        beyond = np.flatnonzero(off >= wanted * (1 - FEASIBLE))
-        if not beyond.size:
+        off = np.where(np.logical_or.accumulate(np.isnan(off)), np.nan, off)  # what a real lens folds comes back
+        ended = np.flatnonzero(~(off < wanted * (1 - FEASIBLE)))  # reached, or lost
+        if not ended.size:
             return None
-        k = max(int(beyond[0]), 1)
+        k = max(int(ended[0]), 1)
         between = shares[k - 1 : k + 1]
-        share = float(np.interp(wanted, off[k - 1 : k + 1], between))
+        share = math.nan if np.isnan(off[k]) else float(np.interp(wanted, off[k - 1 : k + 1], between))
         shares = np.linspace(between[0], between[1], TRIED)
-    return share * float(np.hypot(*corner))
+    return None if math.isnan(share) else share * float(np.hypot(*corner))
+
+
+def lit_share(design: Design, ends: ArrayLike) -> Array:
+    """Share of the ways from the axis to places on the array that images behind a real lens get light, shape (N,).
+
+    And their chief rays come through; those to 1e-4 of the way, light to 1e-3.
+
+    Parameters
+    ----------
+    ends : array_like, shape (N, 2)
+        From the main lens's axis [mm].
+    """
+    camera, ends = Camera.of(design), np.asarray(ends, float)
+
+    def images(shares: Array) -> DesignImages:
+        return DesignImages(design, on_array(camera, (shares[..., np.newaxis] * ends).reshape(-1, 2)))
+
+    near, far, each = np.zeros(len(ends)), np.ones(len(ends)), np.arange(len(ends))
+    for _ in range(3):
+        shares = np.linspace(near, far, TRIED)
+        lost = np.isnan(off_axis(images(shares).directions)).reshape(shares.shape)
+        first = np.where(lost.any(axis=0), np.argmax(lost, axis=0), TRIED)
+        near, far = shares[np.clip(first - 1, 0, None), each], shares[np.clip(first, 0, TRIED - 1), each]
+    lit, tried = np.zeros(len(ends)), near
+    for _ in range(HALVINGS):
+        reached = images(tried).traced.kept_fraction > 0
+        lit, near = np.where(reached, tried, lit), np.where(reached, near, tried)
+        if np.all(reached) and np.all(lit == near):
+            break
+        tried = (lit + near) / 2
+    return lit
 
 
 @lru_cache(maxsize=64)

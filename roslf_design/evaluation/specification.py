@@ -36,10 +36,11 @@ from ..theory.quantities import QUANTITIES
 from ..theory.quantity import Quantity, Way
 from ..theory.resolution import Direction
 from ..theory.stop_images import MicrolensImages
+from ..theory.vignetting import lit_pairs
 from ..traced.fields import DesignImages, IdealImages, images_of
 from ..traced.images import measured_bound
-from ..words import clauses, number
-from .fields import default_fields, place_off_axis, round_radius
+from ..words import clauses, number, the
+from .fields import default_fields, lit_share, place_off_axis, round_radius
 from .groups import DepthAssumptions
 from .working_range import BudgetAt, WorkingRange
 
@@ -264,10 +265,28 @@ class FieldImages:
         """Detail that the refocused image shows there of a plane."""
         return resolved(*seen, (ASKED, self._plane(at)), "refocused")
 
+    @cached_property
+    def _lit_to(self) -> Array:
+        """Share of the way to each of the sensor's nearest sides that a real lens lights."""
+        return lit_share(self.design, field_of_view.feet(light.sensor_field(self.images.camera)))
+
+    def round_end(self) -> str:
+        """Words on what leaves a round field without light before the sensor ends it; empty where nothing does."""
+        camera = self.images.camera
+        if self.design.main_lens.kind.mounted:
+            return "the lens does not image a rim so wide, it lets no light through there" * bool(
+                np.any(self._lit_to < 1)
+            )
+        field = light.sensor_field(camera)
+        one, other, radius = min(lit_pairs(camera), key=lambda pair: float(pair[2]))
+        if float(radius) >= float(np.min([-field.low[0], field.high[0], -field.low[1], field.high[1]])):
+            return ""
+        return f"no light comes through there past both {the(one.opening)} and {the(other.opening)}"
+
     def round_field(self, at: float | None, *, angle: bool) -> float:
         """Full angle [deg] or radius [mm] of the largest round field, as `Rays` has it."""
         field = light.sensor_field(self.images.camera)
-        places = np.array(field_of_view.feet(field), float)
+        places = self._lit_to[:, np.newaxis] * np.array(field_of_view.feet(field), float)
         seen = images_of(self.design, on_array(self.images.camera, places))
         if angle:
             off = np.rad2deg(2 * np.broadcast_to(field_of_view.off_axis(seen.directions), (4, 1)))

@@ -520,9 +520,9 @@ _EVERY = (
     Quantity(
         ROUND_ANGLE,
         "deg",
-        "full angle of the widest round field about the axis all of which the sensor sees, from the entrance pupil, in "
-        "the medium of the scene",
-        **_over_field(lambda c, _, field: field_of_view.round_field_of_view(c, field)),
+        "full angle of the widest round field about the axis all of which the sensor sees and light reaches, from the "
+        "entrance pupil, in the medium of the scene",
+        **_over_field(lambda c, _, field: field_of_view.round_field_of_view(c, vignetting.lit_field(c, field))),
         of_rays=lambda rays, at: rays.round_field(at, angle=True),
         label="round field of view",
         most=180.0,
@@ -531,9 +531,9 @@ _EVERY = (
     Quantity(
         ROUND_RADIUS,
         "mm",
-        "radius of the largest circle about the axis all of which the sensor sees, at a distance ahead of the tip or "
-        "at the focal plane",
-        **_over_field(lambda c, at, field: field_of_view.round_object_radius(c, field, at)),
+        "radius of the largest circle about the axis all of which the sensor sees and light reaches, at a distance "
+        "ahead of the tip or at the focal plane",
+        **_over_field(lambda c, at, field: field_of_view.round_object_radius(c, vignetting.lit_field(c, field), at)),
         of_rays=lambda rays, at: rays.round_field(at, angle=False),
         at="optional",
         label="round field radius",

@@ -7,7 +7,8 @@ at distance 0, which is Eq. 6.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +24,8 @@ from .stop_images import room_in_pupil, settled
 
 ROUNDING = 1e-12
 """Share of the main lens's diameter that rounding leaves of a room which an optimiser holds at 0."""
+HAIR = 1e-6
+"""Share of two openings' sizes by which they overlap at least where light counts as passing both."""
 
 
 def room_at(c: Camera, object_radius: ArrayLike, places: Array | None = None) -> Array:
@@ -105,6 +108,35 @@ def undistorted_radii(c: Camera) -> Array:
         return np.where(np.isnan(room_in_pupil(c, rim)), bound, alike)
 
     return _rows(c, at_rim, room_at(c, 0.0))
+
+
+def lit_pairs(c: Camera) -> Iterator[tuple[Rim, Rim, Array]]:
+    """Each two openings, FAP and rims, and the radius on the array from which none of their light is common [mm].
+
+    In the worst direction; inf of two that stand together or, NaN aside, never part. Discs in a row that have no common
+    part have two that have none. Openings that lean by design are left out.
+    """
+    d_3, gap = floats(c.seen.d_3, c.seen.gap)
+    seen = []
+    for rim in (c.fap, *(rim for rim in c.rims if not rim.leans)):
+        # On the FAP's plane, from the axis' point on the focal plane; and how far that goes per way on the array.
+        between = c.seen.d_f - rim.distance
+        scale, way = ratio(gap, between), product(ratio(d_3 - rim.distance, between), c.seen.inverse_m)
+        seen.append((rim, rim.outline.scaled(magnitude(scale)), [scale * e for e in c.decentre(rim.part)], way))
+    for (one, first, (x, y), way), (other, second, (u, v), way_2) in combinations(seen, 2):
+        normals = [axis for outline in (first, second) if outline.straight for axis in outline.axes] or [(1.0, 0.0)]
+        apart = np.min([first.support(*axis) + second.support(*axis) for axis in normals], axis=0)
+        radius = ratio((1 - HAIR) * apart - np.hypot(x - u, y - v), magnitude(way - way_2))
+        yield one, other, np.where(np.isnan(radius), np.inf, radius)
+
+
+def lit_field(c: Camera, field: SensorField) -> SensorField:
+    """Part of a part of the array within the circle that light reaches."""
+    radius = np.min(np.broadcast_arrays(*(radius for *_, radius in lit_pairs(c))), axis=0)
+    (left, below), (right, above) = field
+    return SensorField(
+        (np.maximum(left, -radius), np.maximum(below, -radius)), (np.minimum(right, radius), np.minimum(above, radius))
+    )
 
 
 def on_focal_plane(c: Camera, radii: Array) -> Array:

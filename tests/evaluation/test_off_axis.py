@@ -12,9 +12,12 @@ from roslf_design.design.files import preset_path
 from roslf_design.evaluation.fields import default_fields
 from roslf_design.evaluation.required import limits_for_study
 from roslf_design.optimization.goals import Constraint
+from roslf_design.theory.stop_images import MicrolensImages
+from roslf_design.theory.vignetting import lit_pairs
 from roslf_design.tolerancing.result import analyse, share_that_meets
 from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.study import make_plan, read_study
+from roslf_design.traced.fields import images_of
 
 PLAIN = preset_path("rigid-scope").read_text()
 
@@ -161,6 +164,56 @@ def test_a_round_field_that_is_dark_at_its_rim_is_missed():
     (told,) = roslf.evaluate(design).required
     assert not told.met
     assert "dark at the edge" in told.counts
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"aperture.diameter": 6.0, "stops.0.decentre": (0.3, 0.1), "aperture.decentre": (0.05, -0.2)},
+        {"aperture.distance": 20.0},
+        {"stops": [{"shape": "rectangle", "sides": [4.0, 3.0], "distance": 53.0}]},
+    ],
+)
+def test_a_round_field_ends_where_exact_areas_say_that_all_light_does(changes):
+    stops = [{"diameter": 4.0, "distance": 53.0}, {"diameter": 16.0, "distance": 18.0}]
+    tip = {"main_lens.focal_plane": 67.5, "main_lens.focal_length": 30.0, "main_lens.diameter": 22.86}
+    lengths = {**tip, "aperture.diameter": 0.53, "aperture.distance": 45.0, "stops": stops}
+    design = roslf.load("paper").replace({**lengths, "environment": None}).replace(changes)
+    camera = Camera.of(design)
+    radius = min(float(end) for *_, end in lit_pairs(camera))
+    turn = np.linspace(0, 2 * np.pi, 721)
+    circle = radius * np.column_stack([np.cos(turn), np.sin(turn)])
+    kept = [MicrolensImages(camera, share * circle).shapes.kept_fraction for share in (0.999, 1.001)]
+    assert kept[0].min() > 0
+    assert kept[1].min() == 0
+    # Where the sensor sees farther, the field ends there, and a study holds the same.
+    wide = camera.replace(
+        {"sensor.size.0": 80.0, "sensor.size.1": 80.0, "microlens_array.size.0": 80.0, "microlens_array.size.1": 80.0}
+    )
+    value = float(roslf.quantity("round_field_radius_mm")(wide))
+    rim = MicrolensImages(camera, [(radius, 0.0), (-radius, 0.0), (0.0, radius), (0.0, -radius)])
+    ahead = design.d_f - max(design.d_3, 53.0)
+    assert value == pytest.approx(np.min(np.hypot(*rim.on_plane(ahead))), rel=1e-9)
+
+
+def test_a_rim_that_a_real_lens_loses_is_missed_by_what_it_shows():
+    """Microlenses one after the other from the axis, until the lens loses the chief ray; farther out it folds."""
+    stops = [{"diameter": 4.0, "distance": 53.0}, {"diameter": 16.0, "distance": 18.0}]
+    lens = {"part": "AC254-030-A", "focal_plane": 67.5}
+    limits = [{"at": 15.0, "min": 4.5}, {"at": 15.0, "min": 3.0}]
+    changes = {"main_lens": lens, "aperture": {"diameter": 0.57, "distance": 45.0}, "stops": stops}
+    design = roslf.load("paper").replace({**changes, "microlens_array.distance": None})
+    missed, met = (
+        roslf.evaluate(design.replace({"required": {"round_field_radius_mm": one}})).required[0] for one in limits
+    )
+    away = np.linspace(0.0, 4.0, 401)
+    met_at = np.hypot(*images_of(design, np.column_stack([np.zeros_like(away), away])).on_plane(15.0)).ravel()
+    shown = met_at[: np.argmax(np.isnan(met_at))]
+    assert np.isnan(met_at).any()
+    assert shown[-1] <= missed.value == met.value < shown[-1] + 2 * (shown[-1] - shown[-2])
+    assert (missed.met, met.met) == (False, True)
+    assert "the lens does not image a rim so wide" in missed.remedy
 
 
 def test_studies_hold_it_at_the_microlens_that_sees_it():
