@@ -238,6 +238,8 @@ class Chain:
     """Whether a stop stands behind the main lens: planes below 0 are then seen through it."""
     main_lens: LensSheet | None = None
     """Data sheet of the main lens, which may map angles and tell light over the field."""
+    bores: tuple[str, ...] = ()
+    """Places of the openings that are the tube's own bore."""
 
     @property
     def in_air(self) -> bool:

@@ -236,7 +236,9 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
         housing = 0.0 if self.environment is None else self.environment.expansion
         before = tuple(place for place, plate in self._plates.items() if plate.before_lenslets)
         behind = tuple(place for place in self._plates if place not in before)
-        return Chain(self.elements, housing, before, behind, self.aperture.behind is not None, self.main_lens.sheet)
+        bores = tuple(opening.place for opening in self.openings if opening.part.bore)
+        stop_behind = self.aperture.behind is not None
+        return Chain(self.elements, housing, before, behind, stop_behind, self.main_lens.sheet, bores)
 
     @property
     def bore_numbers(self) -> dict[str, float]:

@@ -14,16 +14,22 @@ from .check import shown, stop_beyond_focus
 
 
 def about_shapes(design: Assembly) -> Iterator[Problem]:
-    """Stops whose straight sides are not followed: behind a real main lens with elements before it."""
-    if not design.elements or design.thin_twin is design:
-        return
+    """Stops whose straight sides are not followed, behind a real main lens with elements, or wider than their tube."""
+    followed = not design.elements or design.thin_twin is design
     for k, stop in enumerate(design.all_stops):
-        if stop.outline.straight:
+        place, across = f"stops.{k - 1}" if k else "aperture", 2 * float(stop.outline.reach)
+        if stop.bore and design.tube is not None and across > design.tube.room * (1 + 1e-9):
+            message = (
+                f"the tube's own bore is {shown(design.tube.room)} wide by its outer_diameter and wall, and this rim "
+                f"{shown(across)}; make it no wider, or drop its bore = true"
+            )
+            yield Problem(f"{place}.bore", message)
+        if stop.outline.straight and not followed:
             message = (
                 f'"{stop.shape}" is followed behind a real main lens through air only, and elements.0 '
                 f"({design.elements[0].kind}) stands before it; give a circle, an ideal lens, or drop the element"
             )
-            yield Problem(f"stops.{k - 1}.shape" if k else "aperture.shape", message)
+            yield Problem(f"{place}.shape", message)
 
 
 def about_array(design: Assembly) -> Iterator[Problem]:

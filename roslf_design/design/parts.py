@@ -164,6 +164,8 @@ class Opening(OpticalPart):
     """Offset from the axis [mm]."""
     tilt: Tilt = (0.0, 0.0)
     """[rad]."""
+    bore: StrictBool = False
+    """Whether it is the bore of `[tube]` itself: its misses move the wall, and it needs no room in the tube."""
 
     @property
     def number_keys(self) -> tuple[str, ...]:

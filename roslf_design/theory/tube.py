@@ -15,7 +15,7 @@ from ..camera import Camera
 from ..design import PATHS
 from ..lenses.glass import ROOM
 from ..lenses.prescription import Prescription
-from ..words import clauses, number, the
+from ..words import clauses, listed, number, the
 
 WALL, GUIDE, LENGTH, OUTER = "tube.wall", "tube.light_guide", "tube.length", "tube.outer_diameter"
 NARROWEST = "narrowest tube about the optics,"
@@ -78,6 +78,8 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
     def part(name: str, key: str, width: Number, place: Number, glass: Number = 0.0) -> _Housed:
         aside = 2 * np.hypot(numbers[f"{key}.decentre.0"], numbers[f"{key}.decentre.1"])
         whole = np.maximum(width, glass) + aside
+        if key in c.chain.bores:  # what is amiss of it is so of the wall, whatever that leaves of the tube
+            whole = np.minimum(whole, room(c))
         return _Housed(name, whole, place, width + aside, _aside(c, place, whole / 2))
 
     def diagonal(key: str) -> Number:
@@ -99,6 +101,15 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
     if _holds_sensor(c):
         parts.append(part("sensor", "sensor", diagonal(PACKAGE if _packaged(c) else "sensor.size"), array - d_2))
     return tuple(parts)
+
+
+def unsaid_bore(c: Camera) -> str:
+    """Words on openings that are just as wide as the tube leaves, so that builds' do not fit; empty of none."""
+    within = [part for part in housed(c) if part.aside is None and np.all(part.inside(c) & (part.clear == part.width))]
+    names = [part.name for part in within if np.isclose(float(part.width), float(room(c)), rtol=1e-9, atol=0.0)]
+    bores = {rim.name for rim in c.stop_openings if rim.part not in c.chain.bores}
+    at = [the(name) for name in names if name in bores]
+    return f"{listed(at)} as wide as the tube leaves: if that is its own bore, give it bore = true" if at else ""
 
 
 def unjudged(c: Camera) -> str:

@@ -28,7 +28,8 @@ from ..theory.focused import is_focused
 from ..theory.length_covariance import LengthCovariance
 from ..theory.limits import AT_FIELD
 from ..theory.quantities import EXPANDED, QUANTITIES, bound_note
-from ..words import listed, number, uncertainty
+from ..theory.tube import WIDTHS, unsaid_bore
+from ..words import clauses, listed, number, uncertainty
 from .budgets import ToleranceBudget, budget, searched_builds
 from .draws import Perturbation
 from .metrics import SHAPES, Column, mount_of, of_cameras
@@ -230,6 +231,8 @@ class StudyResult(BriefValue):
                     f"{one.label} {one.limits}, which {100 * share.value:.1f} % of {share.trials:,} builds meet "
                     f"(standard error {100 * share.standard_error:.2g} %)"
                 )
+                if one.quantity in WIDTHS:
+                    met = clauses(met, unsaid_bore(Camera.of(self.plan.question.design)), by=": ")
                 short.append((met if one.met else missed_words([one]), share.value))
         return tuple(short)
 

@@ -37,6 +37,7 @@ from roslf_design.reporting.sweep import sweep_picture
 from roslf_design.tables import Table
 from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.limits import limits
+from roslf_design.theory.tube import WIDTHS
 from roslf_design.tolerancing.study import tolerance_plan
 from roslf_design.tolerancing.trials import lengths_built
 from tests.commands.test_cli import run
@@ -386,6 +387,8 @@ def test_a_calibrated_camera_is_not_known_worse_than_it_was_built(monkeypatch, r
     grounds, bare = datasheet.basis(design, built, known), datasheet.basis(design, None, known)
     for key, sigma in grounds.sigma.items():
         assert grounds.calibrated.get(key, 0.0) <= sigma, key
+    for width in WIDTHS:  # no board tells how wide parts are
+        assert grounds.calibrated[width] == grounds.sigma[width]
     assert grounds.calibrated["direction_of_view_deg"] == grounds.sigma["direction_of_view_deg"] > 0
     assert grounds.calibrated["total_length_mm"] < 0.03 * bare.calibrated["total_length_mm"]
     budget = roslf.evaluate(design, build=grounds.build, calibration=grounds.calibration).depth_budget

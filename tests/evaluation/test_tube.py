@@ -16,7 +16,7 @@ from roslf_design.lenses.glass import AIR, find_glass
 from roslf_design.lenses.prescription import Prescription, Surface
 from roslf_design.optimization.solve import Settings, solve
 from roslf_design.optimization.variables import name_faults
-from roslf_design.theory.tube import housed, room
+from roslf_design.theory.tube import housed, room, unsaid_bore
 from tests.optimization.posing import goal, limit, posed
 
 TUBE = {"outer_diameter": 10.0, "wall": 0.25}
@@ -386,3 +386,53 @@ def test_what_no_tube_holds_stands_before_all_but_what_is_asked_for():
     assert bare[0].remedy
     fitting = roslf.evaluate(roslf.load("video-otoscope")).verdicts
     assert [verdict.name for verdict in fitting].index("fits_tube") > 2
+
+
+# --- openings that are the tube's own bore ---------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def speculum(scope):
+    """The tube of 5 mm with walls of 0.5 mm ends in a rim as wide as its bore, 119 mm before the lens."""
+    changes = {
+        "stops": [{"diameter": 4.0, "distance": 118.5, "bore": True}],
+        "elements": [],
+        "tube": {"outer_diameter": 5.0, "wall": 0.5, "length": 10.0},
+    }
+    return scope.replace(changes)
+
+
+def test_builds_of_a_rim_that_is_the_bore_leave_the_tube_as_wide_as_it_is(speculum):
+    """By hand: a rim of its own, 0.05 mm wider and 0.1 mm aside, takes 4.05 + 0.2 mm and two walls."""
+    missed = {"stops.0.diameter": [4.0, 4.05, 3.9], "stops.0.decentre.0": [0.0, 0.1, 0.0]}
+    width = roslf.quantity("insertion_diameter_mm")
+    assert width(Camera.of(speculum, missed)) == pytest.approx([5.0, 5.0, 5.0], rel=1e-12)
+    alone = speculum.replace({"stops.0.bore": False})
+    assert width(Camera.of(alone, missed)) == pytest.approx([5.0, 5.25, 5.0], rel=1e-12)
+    wider = {**missed, "tube.outer_diameter": [5.0, 5.02, 4.99]}
+    assert width(Camera.of(speculum, wider)) == pytest.approx([5.0, 5.02, 4.99], rel=1e-12)
+
+
+def test_a_rim_as_wide_as_the_bore_is_asked_whether_it_is_that(speculum):
+    alone = speculum.replace({"stops.0.bore": False})
+    assert unsaid_bore(Camera.of(alone)) == (
+        "stop 1 as wide as the tube leaves: if that is its own bore, give it bore = true"
+    )
+    for said in (speculum, alone.replace({"stops.0.diameter": 3.9}), alone.replace({"tube": None})):
+        assert not unsaid_bore(Camera.of(said))
+
+
+def test_a_rim_that_is_the_bore_fits_and_is_written_and_read(speculum):
+    assert "widest is stop 1, 4 mm" in fits(speculum).text
+    assert loads(dumps(speculum)) == speculum
+    assert "bore = true" in dumps(speculum)
+    assert "bore" not in dumps(speculum.replace({"stops.0.bore": False}))
+    camera = Camera.of(speculum)
+    assert camera != Camera.of(speculum.replace({"stops.0.bore": False}))
+
+
+def test_a_rim_wider_than_what_the_tube_leaves_is_no_bore_of_it(speculum):
+    with pytest.raises(
+        DesignError, match=r"stops\.0\.bore: the tube.s own bore is 4 mm wide .* and this rim 4\.1 mm; make"
+    ):
+        speculum.replace({"stops.0.diameter": 4.1})

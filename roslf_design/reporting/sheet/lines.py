@@ -52,6 +52,7 @@ from ...theory.quantities import QUANTITIES, noise_words
 from ...theory.quantity import Listed, Quantity
 from ...theory.resolution import FieldTransfer
 from ...theory.stop_images import MicrolensImages
+from ...theory.tube import WIDTHS, unsaid_bore
 from ...tolerancing.metrics import of_cameras
 from ...tolerancing.places import short_name
 from ...tolerancing.result import MANY, is_limited, of_builds, share_that_meets
@@ -194,7 +195,8 @@ class BuildSpread(NamedTuple):
         if one.met and share < self.target:
             only = clauses("as drawn", only, by=", ")
             more = f"tighter tolerances or adjustments, for {100 * self.target:.4g} % of builds to meet it"
-            remedy = clauses(more, remedy)
+            bore = unsaid_bore(Camera.of(self.plan.question.design)) if one.quantity in WIDTHS else ""
+            remedy = clauses(bore, more, remedy)
         return replace(one, counts=clauses(one.counts, words), only=only, remedy=remedy)
 
     def uncounted(self, required: Sequence[Requirement]) -> str:
@@ -663,6 +665,8 @@ def basis(
     # about 0, as the direction of view.
     for key in calibrated.keys() & sigma.keys():
         calibrated[key] = min(calibrated[key], sigma[key]) if calibrated[key] > KINK * sigma[key] else sigma[key]
+        if key in WIDTHS:  # of which no board tells: derivatives halve at what is as wide as the tube leaves
+            calibrated[key] = sigma[key]
     told = (sheet, shown, rows, own, lengths, tuple(at), judged, looked)
     return SpreadSources(tuple(sentences), sigma, calibrated, *told)
 
