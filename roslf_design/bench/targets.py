@@ -14,8 +14,9 @@ from ..calibration.model import Board, Markers
 from ..camera import Camera
 from ..design import Design
 from ..errors import refusal
-from ..evaluation.required import required_distances
+from ..evaluation.required import required_depth, required_distances
 from ..evaluation.specification import ASKED, FieldImages, ObjectField, planes
+from ..theory.depth_budget import depth_budget
 from .captures import BoardPose, BoardTarget, EdgeTarget, FieldTarget, Kind, Setup, SpheresTarget, WallTarget
 
 A4 = (210.0, 297.0)
@@ -35,6 +36,8 @@ _FEWEST_DOTS = 3
 _BALLS = 0.2, 0.3
 """Spheres' diameter and spacing over the diagonal of the measured volume: VDI/VDE 2634-2 has a tenth to a fifth, and
 three tenths or more; depth by windows of microlenses takes the largest."""
+CLOSE = 0.1
+"""Share of a distance at which depth is required within which no other wall stands: of two promises there one holds."""
 _RINGS, LINE = 8, 0.2
 """Rings in half the field at least, and the width of their lines over the gap between them."""
 
@@ -92,12 +95,12 @@ def setup_for(
     """Targets that suit a design, at its working range's ends and focal plane; `poses` are the plan's.
 
     The wall, which shows how flat depth is, stands at the distances that the design requires something at and at those
-    `asked` for as well [mm].
+    `asked` for as well [mm]; but where the design has no depth, and beside a distance at which depth is required.
 
     Raises
     ------
     InputError
-        A distance at which the wall's dots would be too few.
+        A distance asked for at which the wall's dots would be too few, or the design has no depth.
     """
     camera = Camera.of(design)
     ends = FieldImages.of(design).ends
@@ -106,6 +109,7 @@ def setup_for(
     required = required_distances(design, far.at_mm)
     others = (*((ASKED, at) for at in asked), *(("required", at) for at in required))
     walls = sorted({*stations, *(ObjectField.of(ends, at, name) for name, at in others)}, key=lambda field: field.at_mm)
+    walls = _with_depth(design, walls)
     # Beyond the farthest its finest dots alias, and put depth off; too near, too few are in sight.
     suits = [field for field in walls if not asked or field.at_mm >= max(asked)] if required else walls[-1:]
     farthest = max(suits, key=lambda one: (len(_textured(walls, one)), one.at_mm))
@@ -152,6 +156,24 @@ def setup_for(
 def sheets(setup: Setup, name: str) -> tuple[Sheet, ...]:
     """Drawings of the targets, for the design of that name."""
     return (_board(setup, name), _edge(setup, name), _wall(setup, name), _spheres(setup, name), _field(setup, name))
+
+
+def _with_depth(design: Design, walls: Sequence[ObjectField]) -> list[ObjectField]:
+    """Walls where a design has depth, if it has any, and none beside a distance at which depth is required."""
+    camera = Camera.of(design)
+    budgets = {field: depth_budget(camera, field.at_mm) for field in walls}
+    told = [field for field, budget in budgets.items() if math.isfinite(budget.u_z_mm)]
+    for field in walls if told else []:
+        if field.plane == ASKED and field not in told:
+            raise refusal("at", f"{field.at_mm:g} mm: the design has no depth there ({budgets[field].cause}); drop it")
+    limited = [field.at_mm for field in told if required_depth(design, field.at_mm) is not None]
+    return [
+        field
+        for field in told or walls
+        if field.plane == ASKED
+        or field.at_mm in limited
+        or not any(abs(field.at_mm - at) <= CLOSE * at for at in limited)
+    ]
 
 
 def _at(fields: Iterable[ObjectField]) -> tuple[float, ...]:

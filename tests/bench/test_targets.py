@@ -18,6 +18,7 @@ from roslf_design.bench.targets import DOT, sheets, texture
 from roslf_design.calibration.corners import find_corners
 from roslf_design.calibration.model import Board
 from roslf_design.calibration.options import PlanOptions
+from roslf_design.errors import InputError
 from roslf_design.evaluation.required import required_depth
 from roslf_design.reporting.bench.protocol import protocol_report
 from roslf_design.reporting.bench.targets import target_files
@@ -213,6 +214,25 @@ def test_a_wall_is_to_be_as_right_as_the_design_requires():
     assert f"as required at 330 mm, not the {alone:.2g} mm that they calibrate to)" in told
     assert required_depth(design, 330.0) == pytest.approx(0.1)
     assert required_depth(design, 300.0) is None
+
+
+def test_no_wall_stands_where_there_is_no_depth_or_beside_one_that_is_required():
+    """A source in the tip fills pixels close to it, by the inverse square; 330 mm and 340 are one wall."""
+    sharp = {"view_depth_of_field_near_mm": {"max": 60.0}, "view_depth_of_field_far_mm": {"min": 340.0}}
+    light = {"illuminance": 2e4, "measured_at": 230.0, "exposure": "8 ms"}
+    design = roslf.load("paper").replace({"light": light, "required": {**sharp, "u_z_mm": {"at": 330.0, "max": 9.0}}})
+    camera, well = roslf.Camera.of(design), design.sensor.full_well
+    assert (
+        float(QUANTITIES["pixel_electrons"](camera, 60.0)) > well > float(QUANTITIES["pixel_electrons"](camera, 230.0))
+    )
+    plan = Protocol.of(design, PlanOptions(board="4x5 6 mm"))
+    assert 60.0 not in plan.setup.wall.at
+    assert (330.0 in plan.setup.wall.at, 340.0 in plan.setup.wall.at) == (True, False)
+    told = repr(protocol_report(plan))
+    assert "No depth at 60 mm: pixels are full" in told
+    assert "inf mm" not in told
+    with pytest.raises(InputError, match=r"at: 60 mm: the design has no depth there \(pixels are full\); drop it"):
+        Protocol.of(design, PlanOptions(board="4x5 6 mm", at=(60.0,)))
 
 
 def test_a_protocol_says_at_which_temperature_it_is_captured():

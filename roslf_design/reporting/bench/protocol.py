@@ -6,7 +6,7 @@ import math
 
 from ...bench.captures import BoardPose, Distances
 from ...bench.protocol import BRIGHT, Protocol
-from ...bench.targets import PAPER_BAR
+from ...bench.targets import CLOSE, PAPER_BAR
 from ...camera import Camera
 from ...evaluation.required import required_depth
 from ...lenses.glass import AIR
@@ -113,11 +113,15 @@ def _steps(protocol: Protocol) -> Table:
 
 
 def _without_wall(protocol: Protocol) -> str:
-    """Distances required or asked for at which the one wall shows too few dots, or aliases."""
+    """Distances required or asked for at which there is no depth, or the one wall shows too few dots, or aliases."""
     cover, stands = protocol.cover, [float(f"{at:.4g}") for at in protocol.setup.wall.at]
     wanted = sorted((*cover.covered_mm, *(one.at_mm for one in cover.uncovered)))
-    left = [f"{at:.4g}" for at in wanted if float(f"{at:.4g}") not in stands]
-    return f" Its dots do not suit {listed(left)} mm." if left else ""
+    left = [at for at in wanted if not any(abs(at - stand) <= CLOSE * stand for stand in stands)]
+    causes = {at: depth_budget(Camera.of(protocol.design), at) for at in left}
+    without = {f"{at:.4g}": budget.cause for at, budget in causes.items() if math.isinf(budget.u_z_mm)}
+    unsuited = [f"{at:.4g}" for at in left if f"{at:.4g}" not in without]
+    told = f" No depth at {listed([*without])} mm: {listed([*dict.fromkeys(without.values())])}." if without else ""
+    return told + (f" Its dots do not suit {listed(unsuited)} mm." if unsuited else "")
 
 
 def _promise(protocol: Protocol) -> str:
