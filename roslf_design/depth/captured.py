@@ -130,6 +130,7 @@ class MeasuredCapture(Measurement):
             },
             "summary": summary | {"unknown": self.unknown()},
             "plane": None if flat is None else {f"rms_{unit}": flat.rms, "inside_68": flat.inside_68},
+            "sphere": None if self.sphere is None else self.sphere.to_dict(),
             "points": list(sampled(first, self.true, POINTS)),
             "warnings": list(self.warnings),
         }

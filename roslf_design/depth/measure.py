@@ -25,7 +25,7 @@ from ..imaging.sampling import rays_for
 from ..imaging.surfaces import seen_distances
 from ..json_data import plain
 from ..progress import part_of
-from ..scenes import Noise, Scene
+from ..scenes import Noise, Scene, Sphere
 from ..tables import BriefValue
 from ..theory.colours import filters
 from ..theory.disparity_error import disparity_sigma
@@ -48,6 +48,7 @@ from .pictures import (
     lattice_of,
     light_on,
 )
+from .sphere import SphereFit
 from .traced_views import TracedViews
 from .unmixing import places_on_array
 from .windows import QUORUM
@@ -69,6 +70,8 @@ PREDICTED = 8
 """Fields along each axis at which the error is predicted."""
 
 
+FLAT = 2.0
+"""Rms distance from the best plane, or sphere, over the standard error up to which a scene is taken for one."""
 BEYOND = 100
 """Among `REASONS`: a disparity that nothing at a distance has."""
 REASONS = {status.value: status.reason for status in DisparityStatus} | {BEYOND: "behind infinity, by its disparity"}
@@ -151,6 +154,23 @@ class Depths:
         off = disparity - columns @ plane
         rms = self.geometry.sigma(self.depth[known], np.abs(off))
         return Flatness(float(np.sqrt((rms**2).mean())), float((np.abs(off) * weight < 1).mean()))
+
+    @cached_property
+    def points(self) -> Array | None:
+        """x, y and Z of what chief rays meet [mm], shape (v, u, 3); None where no camera is known."""
+        if not isinstance(self.geometry, ArrayGeometry):
+            return None
+        x, y, along, down = np.moveaxis(
+            chief_rays(self.geometry.camera, self.geometry.traced, self.x_ml.reshape(-1, 2)), -1, 0
+        ).reshape(4, *self.depth.shape)
+        return np.stack([x - along * self.depth, y - down * self.depth, self.depth], -1)
+
+    def sphere(self) -> SphereFit | None:
+        """The sphere that fits best; None of a few microlenses, or where no camera is known."""
+        known = self.measured
+        if self.points is None:
+            return None
+        return SphereFit.of(self.points[known], self.noise_sigma[known], float(self.disparities.window**2))
 
     @property
     def views_aside(self) -> Array:
@@ -250,6 +270,14 @@ class Measurement(BriefValue):
         """Depths from the first exposure."""
         return self.runs[0]
 
+    @cached_property
+    def sphere(self) -> SphereFit | None:
+        """The sphere that the first exposure's depths are taken for, as surely as they tell one; None of others."""
+        fit, some = self.first.sphere(), self.first.measured
+        if fit is None or not fit.told or fit.rms >= FLAT * float(np.median(self.first.noise_sigma[some])):
+            return None
+        return fit
+
     @property
     def compared(self) -> Flags:
         """Where every exposure gave a depth and there is a truth, away from the edge; shape (v, u)."""
@@ -320,6 +348,17 @@ class Trial(Measurement):
     """The design with the texture that errors are predicted for, as `assumed`."""
 
     @property
+    def ball(self) -> Sphere | None:
+        """The sphere that is all of its scene; None of other scenes."""
+        surfaces = self.scene.surfaces
+        return surfaces[0] if len(surfaces) == 1 and isinstance(surfaces[0], Sphere) else None
+
+    @cached_property
+    def sphere(self) -> SphereFit | None:
+        """The sphere that fits the first exposure's depths, where the scene is one."""
+        return None if self.ball is None else self.first.sphere()
+
+    @property
     def black(self) -> float:
         """Share of the scene's texture that is black with sharp edges, where that is much."""
         texture = _texture_of(self.scene)
@@ -352,6 +391,7 @@ class Trial(Measurement):
             "saturated": self.saturated,
             "aliased": self.aliased,
             "assumes": self.assumes(),
+            "sphere": None if self.sphere is None or self.ball is None else self.sphere.to_dict(self.ball.radius),
             "points": list(sampled(first, self.true, POINTS)),
         }
 

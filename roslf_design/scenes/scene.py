@@ -49,7 +49,8 @@ class SceneLight(Part):
     wavelengths: Annotated[tuple[Length, ...], Field(max_length=100)] = ()
     """Equal parts of light at each [mm]; none is the design's own, or white light for a sensor with colour filters."""
     exposure: Annotated[float, Field(gt=0, le=1e12)] | None = None
-    """Electrons in a fully lit pixel; none asks for no noise. Where the design says `light.measured_at`, surfaces have
+    """Electrons in a fully lit pixel of `roslf render`; none asks for no noise. `roslf depth` counts the design's light
+    instead. Where the design says `light.measured_at`, surfaces have
     their radiance at the focal plane, and 1/z^2 of it at others."""
     read_noise: Annotated[float, Field(ge=0, le=1e6)] = 0.0
     """Rms read noise [electrons]."""

@@ -9,6 +9,7 @@ import roslf_design as roslf
 from roslf_design.depth.measure import Summary, assumed
 from roslf_design.depth.pictures import default_scene
 from roslf_design.reporting.depth.pages import _beside_evaluate, _percent, statements
+from roslf_design.scenes import WHITE_FIELD
 
 
 def measured(windows, spread=0.010, inside=0.68, bias=0.0, tail=0.0, runs=1):
@@ -25,6 +26,8 @@ def measured(windows, spread=0.010, inside=0.68, bias=0.0, tail=0.0, runs=1):
         aliased=0.0,
         believed=None,
         raw=SimpleNamespace(design=None),
+        scene=WHITE_FIELD,
+        sphere=None,
         assumes=lambda: {"texture": "the scene's"},
     )
     return list(statements(trial))[-3:]

@@ -9,11 +9,11 @@ import numpy as np
 
 from ...depth.captured import MeasuredCapture
 from ...depth.geometry import ArrayGeometry
-from ...depth.measure import Depths, Flatness
+from ...depth.measure import FLAT, Depths, Flatness
 from ...drawing.picture import Picture
 from ...words import length, listed, number, percent, sentence
 from ..blocks import Block, Bullets, Code, Figure, Report, Statement, Statements, Table
-from .pages import distances, errors_right, known, measurement_report, optics_notes, places
+from .pages import distances, errors_right, known, measurement_report, optics_notes, places, sphere_line, sphere_words
 
 CAPTIONS = {
     "map": (
@@ -42,8 +42,6 @@ CAPTIONS = {
     ),
 }  # fmt: skip
 """Title and caption of each picture."""
-FLAT = 2.0
-"""Rms distance from the best plane over the standard error up to which a scene is taken for a plane."""
 
 
 def capture_report(measured: MeasuredCapture, pictures: dict[str, Picture], command: str) -> Report:
@@ -114,6 +112,8 @@ def _capture_statements(measured: MeasuredCapture) -> Iterator[Statement]:
             "the errors reported for light and texture, 68 % would of a plane."
         )
         yield Statement("plain", text)
+    if measured.sphere is not None:
+        yield Statement("plain", sphere_words(measured.sphere))
     if measured.noise.times != 1.0:
         found = measured.noise
         text = f"Is the noise as believed? It is {found.times:.2g} times as believed, as views show everywhere"
@@ -149,6 +149,7 @@ def _numbers(measured: MeasuredCapture) -> Table:
         lines.append(("within the error reported", f"{100 * summary.inside_68:.1f}", "%", "68 where it is right"))
     if flat is not None:
         lines.append(("off a plane", f"{flat.rms:.3g}", unit, "rms about the best one"))
+    lines += sphere_line(measured.sphere)
     lines.append((f"{places(measured)} with a {_quantity(measured)}", f"{100 * summary.measured:.1f}", "%", ""))
     lines += [("unknown", f"{100 * share:.3g}", "%", reason) for reason, share in measured.unknown().items()]
     return Table(tuple(lines), "lrll", ("", "", "", ""), "In numbers")

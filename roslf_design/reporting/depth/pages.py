@@ -9,6 +9,7 @@ from ...camera import Camera
 from ...depth.estimate import DisparityStatus, epipolar_plane
 from ...depth.geometry import ArrayGeometry, ViewGeometry
 from ...depth.measure import REASONS, Measurement, Summary, Trial
+from ...depth.sphere import SphereFit
 from ...design import Design
 from ...drawing.picture import Picture
 from ...shapes.lattice import PACKINGS
@@ -149,6 +150,20 @@ def statements(trial: Trial) -> Iterator[Statement]:
             )
         remedy = f"Expose {0.9 / max(trial.brightest, 0.9):.2g} times as long (light.exposure)."
         yield Statement("bad" if trial.saturated > 1 - FEW else "caution", text, remedy)
+    given = trial.scene.light
+    if given.exposure is not None:
+        noise = "exposure and read noise are" if given.read_noise else "exposure is"
+        text = (
+            f"How much light? The design's, {trial.electrons:.4g} electrons in a pixel where the scene is as bright as "
+            f"on average; the scene's own {noise} for roslf render and not used here."
+        )
+        remedy = ""
+        if mean := given.exposure * trial.scene.brightness:
+            remedy = (
+                f"{given.exposure:.4g} electrons where it is white would be some {mean:.4g} on average: light.exposure "
+                f"{mean / trial.electrons:.2g} times as long in the design gives as many."
+            )
+        yield Statement("caution", text, remedy)
     yield known(trial, summary)
     if trial.aliased > 0:
         text = f"Is the texture seen? In {_percent(trial.aliased)} of the field it aliases: finer than two microlenses."
@@ -184,6 +199,9 @@ def statements(trial: Trial) -> Iterator[Statement]:
         off = not NEAR[0] * (1 - room) <= ratio <= NEAR[1] * (1 + room)
         text = f"{_as_predicted(spread, summary.predicted_mm, summary.told_mm)}{_other_texture(trial)}"
         yield _judged(text, windows, NEAR[0] <= ratio <= NEAR[1], ("caution", _believe(trial, ratio)) if off else None)
+    if trial.sphere is not None and trial.ball is not None:
+        true = trial.ball.radius
+        yield Statement("plain", f"{sphere_words(trial.sphere)} The scene's is {length(abs(true))}{_way(true)}.")
     inside, room = summary.inside_68, 2 * math.sqrt(0.68 * 0.32 / windows)
     text = (
         f"Are the errors reported with each depth right? {100 * inside:.0f} % of the depths lie within theirs, "
@@ -199,6 +217,27 @@ def statements(trial: Trial) -> Iterator[Statement]:
         tail = 100 * (summary.beyond_5 or 0.0)
         wrong = "caution", f"Some are far off: {tail:.2g} % by more than five times the errors reported."
     yield _judged(text, windows, errors_right(summary), wrong)
+
+
+def sphere_words(fit: SphereFit) -> str:
+    """Radius of the sphere that fits depths best, with its error, or how flat it may be."""
+    if not fit.told:
+        return f"Is it a sphere? It cannot be told from a plane here: its radius is {length(fit.flattest)} or more."
+    return (
+        f"Is it a sphere? The best one has a radius of {number(abs(fit.radius), 3)} ± {_mm(fit.sigma)} (one standard "
+        f"error, by light, texture and matching){_way(fit.radius)}; depths lie off it by {_mm(fit.rms)} rms."
+    )
+
+
+def sphere_line(fit: SphereFit | None) -> list[tuple[str, str, str, str]]:
+    """Row on it in the table of numbers, where there is one."""
+    if fit is None or not fit.told:
+        return []
+    return [("radius of a sphere", number(fit.radius, 3), "mm", f"± {_mm(fit.sigma)}; negative where it is hollow")]
+
+
+def _way(radius: float) -> str:
+    return ", bulging towards the camera" if radius > 0 else ", hollow"
 
 
 def _as_predicted(spread: float, predicted: float, told: float) -> str:
@@ -307,6 +346,7 @@ def _summary_table(trial: Trial) -> Table:
     lines = [(name, "-" if value is None else f"{value:.3g}", "mm", note) for name, value, note in rows]
     inside = "-" if summary.inside_68 is None else f"{100 * summary.inside_68:.1f}"
     lines.append(("within the error reported", inside, "%", "68 where it is right"))
+    lines += sphere_line(trial.sphere)
     lines.append(("microlenses with a depth", f"{100 * summary.measured:.1f}", "%", ""))
     lines += [("unknown", f"{100 * share:.3g}", "%", reason) for reason, share in trial.unknown().items()]
     return Table(tuple(lines), "lrll", ("", "", "", ""), "In numbers")

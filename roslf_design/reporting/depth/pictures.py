@@ -9,8 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._arrays import Array
-from ...drawing.marks import Area, Dots, Image, Key, Line, Mark, Point, box_key, dot_key, line_key, stairs
-from ...drawing.panel import Panel, Scale, colour_bar
+from ...drawing.marks import (
+    Area,
+    Dots,
+    Image,
+    Key,
+    Line,
+    Mark,
+    Point,
+    Text,
+    box_key,
+    contours,
+    dot_key,
+    line_key,
+    stairs,
+)
+from ...drawing.panel import Panel, Scale, colour_bar, named_ticks, round_ticks
 from ...drawing.picture import PAGE, Picture, beside, one_panel
 from ...drawing.theme import short
 
@@ -31,6 +45,10 @@ TALL = 0.4
 """Height over width from which maps stand side by side."""
 STRETCH = 60
 """Microlenses along an epipolar-plane image."""
+LEVELS = 5
+"""Contours of a sphere, about."""
+CONTOUR = ("ink", 1.2, "")
+"""Their look."""
 LINES = 14
 """Fitted lines drawn on it."""
 FITTED = "#ff9a3c"
@@ -52,7 +70,9 @@ def _depth_map(trial: Measurement, reasons: dict[int, str]) -> Picture:
     """
     run = trial.first
     box, turn = _box(run)
-    status, known, depth, sigma = (values[turn] for values in (run.status, run.measured, run.depth, run.sigma))
+    words, sphere = _Words.of(run), _sphere(trial)
+    depth = run.depth - words.tip
+    status, known, depth, sigma = (values[turn] for values in (run.status, run.measured, depth, run.sigma))
     across, up = Scale(*box[:2]), Scale(*box[2:])
     ratio = (up.high - up.low) / (across.high - across.low)
     down = ratio < TALL
@@ -64,26 +84,44 @@ def _depth_map(trial: Measurement, reasons: dict[int, str]) -> Picture:
     stretched = height < FLATTEST
     codes = [code for code in np.unique(status).tolist() if code]
     marks = [Image(np.where(status == code, 1.0, np.nan), box, UNKNOWN[code]) for code in codes]
-    pictures, words = [], _Words.of(run)
+    pictures = []
     for title, values, label in (
-        (words.quantity, depth - words.tip, words.symbol), ("its standard error", sigma, f"σ [{words.unit}]"),
+        (words.quantity, depth, words.symbol), ("its standard error", sigma, f"σ [{words.unit}]"),
     ):  # fmt: skip
         some = values[known]
         low, high = (0.0, 1.0) if not some.size else (float(q) for q in np.quantile(some, (0.005, 0.995)))
         high = max(high, low + 1e-6 * max(abs(low), 1e-6))
-        shades = Image(np.where(known, values, np.nan), box, "cividis", low, high)
+        shades: list[Mark] = [Image(np.where(known, values, np.nan), box, "cividis", low, high)]
+        if sphere is not None and values is depth:
+            shades += _contours(sphere[turn], run, turn, (width, max(height, FLATTEST)))
         note = ", stretched upwards" if stretched else ""
         panel = Panel(
-            (LEFT, TOP, width, max(height, FLATTEST)), across, up, (shades, *marks), words.place,
+            (LEFT, TOP, width, max(height, FLATTEST)), across, up, (*shades, *marks), words.place,
             f"y [{run.geometry.place_unit}]", title + note, grid="", equal=not stretched,
         )  # fmt: skip
         size = page, panel.bottom + BELOW
         pictures.append(Picture(title, title, size, (panel, colour_bar(panel, low, high, "cividis", label))))
     shares = run.unknown()
     keys = [box_key(f"{reasons[n]}: {100 * shares[reasons[n]]:.3g} %", UNKNOWN[n], edge="grey") for n in codes]
+    keys += [line_key("contours of the sphere that fits best", *CONTOUR)] if sphere is not None else []
     of = "microlenses" if run.geometry.place_unit == "mm" else "pixels"
     title = f"{words.quantity.capitalize()} of {known.sum()} of {known.size} {of} and its standard error"
     return beside("depth-map", title, pictures, keys, down=down)
+
+
+def _sphere(trial: Measurement) -> Array | None:
+    """Depths of the sphere that fits best, as drawn; None where none is called for."""
+    if trial.sphere is None or not trial.sphere.told or (points := trial.first.points) is None:
+        return None
+    return trial.sphere.height(points[..., 0], points[..., 1]) - trial.first.geometry.tip
+
+
+def _contours(heights: Array, run: Depths, turn: slice, size: Point) -> list[Line | Text]:
+    """Lines of equal depth on a map, each with its number."""
+    levels = named_ticks(round_ticks(float(np.nanmin(heights)), float(np.nanmax(heights)), LEVELS))
+    inner = size[0] * (1 - 1 / heights.shape[1]), size[1] * (1 - 1 / heights.shape[0])  # between the outer middles
+    x, y = run.x_ml[0, :, 0], run.x_ml[turn, 0, 1]
+    return contours(heights, x, y, [(*level, CONTOUR) for level in levels], inner)
 
 
 def _dense_map(trial: Measurement) -> Picture:
@@ -157,6 +195,9 @@ def profile(trial: Measurement, size: Point = (PAGE, 440.0)) -> Picture:
     under, keys = (_off if compared else _told)(trial, row, dot)
     first = line_key("truth", "ink") if compared else box_key("± its standard error", "sky", 0.45)
     keys = [first, dot_key("measured", "blue", size=2.2), *keys]
+    if (sphere := _sphere(trial)) is not None:
+        above = above.with_marks(Line(x, sphere[row], "green", 1.8, "7 4"))
+        keys.insert(1, line_key("sphere that fits best", "green", 1.8, "7 4"))
     parts = (
         one_panel("above", "", (size[0], 0.52 * size[1]), above, left=68, top=TOP, foot=24),
         one_panel("under", "", (size[0], 0.48 * size[1]), under, left=68),
