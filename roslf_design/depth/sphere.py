@@ -93,7 +93,7 @@ class SphereFit(NamedTuple):
             "radius_mm": self.radius,
             "sigma_mm": self.sigma,
             "true_radius_mm": true,
-            "told": self.told,
+            "significant": self.told,
             "rms_mm": self.rms,
             "inside_68": self.inside_68,
         }

@@ -85,3 +85,18 @@ def test_the_guide_and_the_readme_tell_the_numbers_that_were_written():
     assert re.search(rf"{1 / default:.1f} times what is expected by default, {1 / fitted:.2f} times once", readme)
     white = real["white_frame"]
     assert f"has {100 * math.hypot(white['lenses'], white['pixels']):.1f} %" in guide
+    held_out = math.ceil(100 * max(abs(one["ratio"] - 1) for one in real["held_out"][:2]))
+    theory, study = (
+        " ".join((root / name).read_text().split())
+        for name in ("docs/theory/equations.md", "studies/instruments/README.md")
+    )
+    assert f"mismatch predicts the other half to {held_out} %" in guide
+    assert f"predicts the errors of the other half to {held_out} %, and {other:.1f} of those in another" in theory
+    assert f"with all defaults ({default:.2f} of what is measured)" in study
+    assert f"by the first one's mismatch ({other:.2f})" in study
+    plane, aperture = (
+        next(row["ratio"] for row in rows if row["figure"] == f"distance of the {name}, calibrated less built")
+        for name in ("plane in focus", "aperture")
+    )
+    assert f"their standard deviations ({plane:.2f}, {aperture:.1f})" in study
+    assert f"a published d_f is {1 / plane:.1f} of its expected errors off" in guide
