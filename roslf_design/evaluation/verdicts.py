@@ -440,7 +440,7 @@ def _field_remedy(camera: Camera, field: Numbers) -> str:
     for cut in field.cut_by:
         name = cut["rim"].partition(",")[0]  # of either face of an element
         grow[name] = max(grow.get(name, 0.0), 2 * abs(cut["clearance_mm"]))
-    parts, room = tube.housed(camera), tube.room(camera)
+    parts, room = [part for part in tube.housed(camera) if part.inside(camera)], tube.room(camera)
     if tight := [part for part in parts if part.clear + grow.get(part.name, -math.inf) > room]:
         sizes = listed([f"{the(part.name)} {float(part.clear + grow[part.name]):.4g} mm" for part in tight])
         return (

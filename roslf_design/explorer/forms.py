@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, TypeVar
 
+from ..camera import Camera
 from ..design import Design
 from ..design.required import Required
 from ..errors import InputError, Problem
@@ -286,8 +287,11 @@ def _whole(name: str, text: str, low: int, high: int) -> int:
 
 def _usual_bounds(design: Design, symbol: str) -> tuple[float, float]:
     """Least and greatest value of a variable, where nobody says otherwise [mm]."""
-    value = float(getattr(design, symbol))
-    low, high = value / REACH, REACH * value
-    if symbol == "d_3":
-        return low, max(high, 0.1 * design.f)
+    value, tip = float(getattr(design, symbol)), float(Camera.of(design).tip)
+    low, high = sorted((value / REACH, REACH * value))  # of a FAP behind the lens below 0
+    if symbol == "d_3":  # before a tip that is another's, and before the focal plane
+        ahead = tip if value < tip else design.d_f - (design.d_f - value) / REACH
+        return low, min(max(high, 0.1 * design.f), ahead)
+    if symbol == "d_f":
+        low = max(low, tip + (value - tip) / REACH)
     return max(low, 1.05 * design.f) if symbol in ("d_f", "d_1") else low, high

@@ -77,6 +77,8 @@ def test_no_remedy_is_wider_than_the_tube_or_the_lens_leave_room_for():
         remedy = verdict(cut.replace({"tube": {"outer_diameter": tube, "wall": 0.1}}), "field_undistorted").remedy
         assert (f"{wanted:g} mm clear aperture" in remedy) == fitting
         assert ("and the tube leaves" in remedy) != fitting
+    head = cut.replace({"tube": {"outer_diameter": wanted + 0.1, "wall": 0.1, "length": 1.0}})  # the lens 3 mm behind
+    assert f"{wanted:g} mm clear aperture" in verdict(head, "field_undistorted").remedy
 
 
 def test_no_aperture_is_advised_inside_a_window():

@@ -5,7 +5,7 @@ import pytest
 
 from roslf_design.camera import Camera
 from roslf_design.depth.pictures import region_about
-from roslf_design.design import load
+from roslf_design.design import load, preset_names
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
 from roslf_design.explorer import measure_run
@@ -17,6 +17,7 @@ from roslf_design.explorer.forms import (
     MeasureRequest,
     OptimiseRequest,
     ToleranceRequest,
+    _usual_bounds,
     forms,
     read_form,
 )
@@ -220,6 +221,19 @@ def test_f_ml_stays_where_it_is_not_let_follow():
     result = run_optimise(request)
     assert result.design.f_ml == SCOPE.f_ml
     assert (result.followers, result.design.d_2 == SCOPE.d_2) == ((), False)
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_usual_bounds_keep_the_fap_before_the_focal_plane_and_that_ahead_of_the_tip(name):
+    design = load(name)
+    tip = float(Camera.of(design).tip)
+    low, high = _usual_bounds(design, "d_3")
+    assert low <= design.d_3 <= high < design.d_f
+    assert Camera.of(design, {"d_3": high}).tip <= max(tip, high)
+    if design.d_3 < tip:  # another part is the tip, and stays it
+        assert high <= tip
+    low, high = _usual_bounds(design, "d_f")
+    assert max(tip, design.f) < low <= design.d_f <= high
 
 
 def test_bounds_are_those_that_are_shown_unless_another_is_typed():
