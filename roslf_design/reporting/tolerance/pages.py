@@ -439,8 +439,9 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
             )
         if result.focusing is not None:
             focus, share = result.focusing
+            aim = 'aim = "focus", ' * (focus.aim == "focus")
             remedy = (
-                f'Focus each build by [[compensators]]: place = "{focus.place}", range = "{focus.reach:g} mm", '
+                f'Focus each build by [[compensators]]: place = "{focus.place}", {aim}range = "{focus.reach:g} mm", '
                 f"with which {100 * share:.3g} % can be put together. {remedy}"
             )
         yield Statement("caution", lost, remedy)
