@@ -394,7 +394,8 @@ class _AdjustmentLine(StrictTable):
     aim: Aim = "limits"
     """As of a study's compensator."""
     range: str = ""
-    """How far it can be moved either way; empty for calibration."""
+    """How far it can be moved either way; empty for calibration, and of a focus for what builds ask, up to half of the
+    place's length."""
     cost: _Cost
     provenance: str
 

@@ -264,7 +264,7 @@ def test_no_adjustment_is_offered_that_moves_a_part_into_another():
     goals = [{"metric": "f_number_microlens", "max": 1.6667}]
     plan, study, grades = tolerance_plan({**data, "goals": goals}, design)
     budget = analyse(plan, study, grades, tally_chunk(plan, 0)).budget
-    reach = {place: far for change in budget.adjustments for place, _, far in change.steps}
+    reach = {place: far for one in budget.adjustments if one.aim != "focus" for place, _, far in one.steps}
     assert reach["sensor.distance"] == pytest.approx(0.0525)
     assert reach["microlens_array.distance"] == 0.5
 

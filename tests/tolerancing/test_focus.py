@@ -10,11 +10,13 @@ from scipy.optimize import brentq
 from roslf_design.design import load
 from roslf_design.errors import InputError
 from roslf_design.reporting.tolerance.pages import remedies, tables, travel_words
+from roslf_design.tolerancing.budgets import budget
 from roslf_design.tolerancing.places import load_grades, nominal_values
 from roslf_design.tolerancing.result import analyse
 from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.study import plan_from, tolerance_plan
 from roslf_design.tolerancing.trials import lengths_built, measure, one_trial
+from roslf_design.tolerancing.yields import Yield
 
 D_1 = "microlens_array.distance"
 FOCUS = {"place": "d_1", "aim": "focus"}
@@ -340,6 +342,20 @@ def test_travel_that_ends_is_told_with_the_builds_that_rest_there():
     assert travel_words(result, result.adjusters[0]).endswith(
         f": {share} of them rest at the end of its travel, ± 0.98 mm."
     )
+
+
+def test_a_thread_is_as_long_as_units_ask():
+    """A relay's focus moves by millimetres, which a thread of half a millimetre would not have mended."""
+    goals = [{"metric": "working_distance_mm", "min": 24, "max": 26}]
+    relay = load("cystoscope")
+    plan, read, grades = study(relay, goals, grade="high", exclude=beside_the_form(relay), trials=256)
+    builds = plan.draws.deviations(plan.draws.uniforms(0, plan.chunk, 0, 256))
+    (change,) = (one for one in budget(plan, read, grades, Yield(9, 256)).adjustments if one.aim == "focus")
+    ((place, _, travel),) = change.steps
+    values = {**nominal_values(relay)} | plan.draws.values(builds)
+    first = [focused(relay, {p: np.broadcast_to(v, 256)[k] for p, v in values.items()}) for k in range(16)]
+    assert (place, change.result.value) == (D_1, 1.0)
+    assert np.abs(first - values[D_1][:16]).max() < travel < relay.d_1 / 2
 
 
 def test_a_shop_states_what_it_can_focus(tmp_path):
