@@ -144,6 +144,8 @@ class FirstAnswer:
     """At the focal plane, then at the distances asked for."""
     outermost: str = CORNER
     """Place that counts as its corner: that of the field, or of a round field that is required its rim."""
+    lit_diagonal_deg: float | None = None
+    """Part of the diagonal field of view that gets light; None where all of it does."""
 
     @classmethod
     def of(
@@ -230,6 +232,7 @@ class FirstAnswer:
             None if met is None or met[0] == met[1] else (float(met[0]), float(met[1])),
             tuple(planes),
             shown.outermost,
+            shown.lit_angles[2],
         )
 
     @property
@@ -264,11 +267,13 @@ class FirstAnswer:
         """Lines of the table."""
         view = self.field_of_view_deg
         around = f" in {self.medium}" if self.medium else ""
+        lit = self.lit_diagonal_deg
+        dark = "" if lit is None else f"; lit over {number(lit, 3)} deg"
         rows = [
             (
                 "field of view",
                 f"{number(view.width, 3)} x {number(view.height, 3)} deg",
-                f"diagonal {number(view.diagonal, 3)} deg, from the entrance pupil{around} (ISO 8600-3)",
+                f"diagonal {number(view.diagonal, 3)} deg, from the entrance pupil{around} (ISO 8600-3){dark}",
             ),
             ("working distance", f"{number(self.working_distance_mm, 4)} mm", "tip to focal plane"),
         ]

@@ -48,6 +48,8 @@ FIELD_NAMES = ("centre", "edge", "corner")
 """Names of `default_fields`."""
 TRIED = 33
 """Microlenses towards the field's corner between which one is looked for, twice: to 1e-6 of the way there."""
+LIT_SHARE = 0.29
+"""Share of its light that an image keeps at least where a field counts as lit, as `vignetting.LIT` leaves of a disc."""
 HALVINGS = 11
 """Steps towards where light ends behind a real lens, to 1e-3 of the way."""
 ROUND_FIELD = "round field"
@@ -123,9 +125,9 @@ def _radius(design: Design, angle: float | None, height: float | None, at: float
 
 
 def lit_share(design: Design, ends: ArrayLike) -> Array:
-    """Share of the ways from the axis to places on the array that images behind a real lens get light, shape (N,).
+    """Share of the ways from the axis to places on the array to which a real lens lights images, shape (N,).
 
-    And their chief rays come through; those to 1e-4 of the way, light to 1e-3.
+    And lets their chief rays through; those to 1e-4 of the way, light to 1e-3.
 
     Parameters
     ----------
@@ -145,7 +147,7 @@ def lit_share(design: Design, ends: ArrayLike) -> Array:
         near, far = shares[np.clip(first - 1, 0, None), each], shares[np.clip(first, 0, TRIED - 1), each]
     lit, tried = np.zeros(len(ends)), near
     for _ in range(HALVINGS):
-        reached = images(tried).traced.kept_fraction > 0
+        reached = images(tried).traced.kept_fraction >= LIT_SHARE
         lit, near = np.where(reached, tried, lit), np.where(reached, near, tried)
         if np.all(reached) and np.all(lit == near):
             break

@@ -293,9 +293,9 @@ def requirements(
                 only = clauses(only, "for refocused images alone", by=", ")
         if not met and not undefined:
             slip = _slip_of_unit(asked, low, high, value, quantity.unit)
-            ended = shown.round_end() if quantity.name in (ROUND_ANGLE, ROUND_RADIUS) and low is not None else ""
-            culprit = _culprit(quantity, camera, fold if of_detail and not sampled else value, low)
-            counts, culprit = (clauses(counts, DARK), f"{ended}: {LIT}") if ended else (counts, culprit)
+            rim = shown.round_end(quantity.name) if low is not None and value < low else ""
+            known = _culprit(quantity, camera, fold if of_detail and not sampled else value, low)
+            culprit = f"{rim}: {LIT}" if rim else known
             remedy = clauses(slip, culprit, remedy or WAYS * bool(slip or culprit))
         twin = None if value == closed or not lens.mounted or math.isnan(closed) else closed
         if twin is not None:

@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .._arrays import Array
 from ..camera import Camera
 from ..design import Design
 from ..design.parts import Light
-from ..design.required import Required
+from ..design.required import ROUND_ANGLE, ROUND_RADIUS, Required
 from ..errors import InputError, Problem
 from ..fates import ImageFate
 from ..json_data import plain
@@ -267,21 +268,41 @@ class FieldImages:
 
     @cached_property
     def _lit_to(self) -> Array:
-        """Share of the way to each of the sensor's nearest sides that a real lens lights."""
-        return lit_share(self.design, field_of_view.feet(light.sensor_field(self.images.camera)))
+        """Share of the way to each of the sensor's nearest sides, left, right, below and above, that gets light."""
+        return self._lit(field_of_view.feet(light.sensor_field(self.images.camera)))
 
-    def round_end(self) -> str:
-        """Words on what leaves a round field without light before the sensor ends it; empty where nothing does."""
-        camera = self.images.camera
+    def _lit(self, ends: ArrayLike) -> Array:
+        """Share of the ways from the axis to places on the array that gets light, 1 of all; (N,)."""
         if self.design.main_lens.kind.mounted:
-            return "the lens does not image a rim so wide, it lets no light through there" * bool(
-                np.any(self._lit_to < 1)
-            )
-        field = light.sensor_field(camera)
-        one, other, radius = min(lit_pairs(camera), key=lambda pair: float(pair[2]))
-        if float(radius) >= float(np.min([-field.low[0], field.high[0], -field.low[1], field.high[1]])):
+            return lit_share(self.design, ends)
+        radius = min(float(end) for *_, end in lit_pairs(self.images.camera))
+        away = np.hypot(*np.asarray(ends, float).T)
+        return np.minimum(1.0, max(radius, 0.0) / np.maximum(away, 1e-300))
+
+    def round_end(self, name: str) -> str:
+        """Words on what ends a round field before the sensor does; empty where nothing does."""
+        if name not in (ROUND_ANGLE, ROUND_RADIUS) or np.all(self._lit_to == 1):
             return ""
-        return f"no light comes through there past both {the(one.opening)} and {the(other.opening)}"
+        if self.design.main_lens.kind.mounted:
+            return "the lens does not image a rim so wide"
+        one, other, _ = min(lit_pairs(self.images.camera), key=lambda pair: float(pair[2]))
+        return f"{the(one.opening)} and {the(other.opening)} leave less than a third of the pencils there"
+
+    @cached_property
+    def lit_angles(self) -> tuple[float | None, float | None, float | None]:
+        """Full angles from the entrance pupil over the width, height and diagonal that are lit [degrees].
+
+        None where all of it does.
+        """
+        corners = np.array(field_of_view.ends(light.sensor_field(self.images.camera)), float).reshape(8, 2)
+        shares = self._lit(corners)
+        lit = images_of(self.design, on_array(self.images.camera, shares[:, np.newaxis] * corners))
+        one, other = np.broadcast_to(lit.directions, (8, 1, 3)).reshape(4, 2, 3).swapaxes(0, 1)
+        angles = field_of_view.between(one, other)
+        whole = np.all(shares.reshape(4, 2) == 1, axis=1)
+        each = [(angles[0], whole[0]), (angles[1], whole[1]), (angles[2:].max(), whole[2:].all())]
+        width, height, diagonal = (None if all_of_it else float(angle) for angle, all_of_it in each)
+        return width, height, diagonal
 
     def round_field(self, at: float | None, *, angle: bool) -> float:
         """Full angle [deg] or radius [mm] of the largest round field, as `Rays` has it."""

@@ -520,7 +520,7 @@ _EVERY = (
     Quantity(
         ROUND_ANGLE,
         "deg",
-        "full angle of the widest round field about the axis all of which the sensor sees and light reaches, from the "
+        "full angle of the widest round field about the axis all of which the sensor sees, lit, from the "
         "entrance pupil, in the medium of the scene",
         **_over_field(lambda c, _, field: field_of_view.round_field_of_view(c, vignetting.lit_field(c, field))),
         of_rays=lambda rays, at: rays.round_field(at, angle=True),
@@ -531,7 +531,7 @@ _EVERY = (
     Quantity(
         ROUND_RADIUS,
         "mm",
-        "radius of the largest circle about the axis all of which the sensor sees and light reaches, at a distance "
+        "radius of the largest circle about the axis all of which the sensor sees, lit, at a distance "
         "ahead of the tip or at the focal plane",
         **_over_field(lambda c, at, field: field_of_view.round_object_radius(c, vignetting.lit_field(c, field), at)),
         of_rays=lambda rays, at: rays.round_field(at, angle=False),

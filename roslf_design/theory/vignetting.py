@@ -24,8 +24,8 @@ from .stop_images import room_in_pupil, settled
 
 ROUNDING = 1e-12
 """Share of the main lens's diameter that rounding leaves of a room which an optimiser holds at 0."""
-HAIR = 1e-6
-"""Share of two openings' sizes by which they overlap at least where light counts as passing both."""
+LIT = 1 / 3
+"""Share of a pencil's width on the axis that is left at least where a field counts as lit: .29 of a disc's light."""
 
 
 def room_at(c: Camera, object_radius: ArrayLike, places: Array | None = None) -> Array:
@@ -111,22 +111,23 @@ def undistorted_radii(c: Camera) -> Array:
 
 
 def lit_pairs(c: Camera) -> Iterator[tuple[Rim, Rim, Array]]:
-    """Each two openings, FAP and rims, and the radius on the array from which none of their light is common [mm].
+    """Each two openings, FAP and rims, and the radius on the array to which their common part is `LIT` wide [mm].
 
-    In the worst direction; inf of two that stand together or, NaN aside, never part. Discs in a row that have no common
-    part have two that have none. Openings that lean by design are left out.
+    In the worst direction; inf of two that never part. Of discs in a row the common part of all is as wide as that of
+    the two that have least. Openings that lean by design are left out.
     """
     d_3, gap = floats(c.seen.d_3, c.seen.gap)
     seen = []
-    for rim in (c.fap, *(rim for rim in c.rims if not rim.leans)):
+    for rim in filter(lambda rim: not rim.leans, (c.fap, *c.rims)):
         # On the FAP's plane, from the axis' point on the focal plane; and how far that goes per way on the array.
         between = c.seen.d_f - rim.distance
         scale, way = ratio(gap, between), product(ratio(d_3 - rim.distance, between), c.seen.inverse_m)
         seen.append((rim, rim.outline.scaled(magnitude(scale)), [scale * e for e in c.decentre(rim.part)], way))
+    left = 2 * LIT * np.min(np.broadcast_arrays(*(outline.inradius for _, outline, *_ in seen)), axis=0)
     for (one, first, (x, y), way), (other, second, (u, v), way_2) in combinations(seen, 2):
         normals = [axis for outline in (first, second) if outline.straight for axis in outline.axes] or [(1.0, 0.0)]
         apart = np.min([first.support(*axis) + second.support(*axis) for axis in normals], axis=0)
-        radius = ratio((1 - HAIR) * apart - np.hypot(x - u, y - v), magnitude(way - way_2))
+        radius = ratio(apart - left - np.hypot(x - u, y - v), magnitude(way - way_2))
         yield one, other, np.where(np.isnan(radius), np.inf, radius)
 
 
