@@ -21,7 +21,7 @@ from ..json_data import plain
 from ..reporting.blocks import Report
 from ..reporting.calibrate import pages
 from ..reporting.printers import page_files
-from ..reporting.story import first_look_lengths
+from ..reporting.story import known_before
 from ..theory.limits import as_design
 from ..units import Angle, Distance, Length
 from .refused import refused
@@ -115,7 +115,8 @@ def calibrate(
     no_posterior
         Leave the sampling out; intervals are then those of the Fisher matrix (Laplace's approximation).
     plan
-        Instead of a folder: a design whose calibration is to be planned, before anyone captures an image.
+        Instead of a folder: a design whose calibration is to be planned, before anyone captures an image; or a
+        tolerance study of one, whose tolerances are then known before, in place of a first look's.
     """
     design, given = options.design, {"design": options.design, "board": options.board, "output": output}
     wrong: dict[str, str] = {}
@@ -180,13 +181,12 @@ def write_calibration(result: Outcome, output: Path, command: str) -> tuple[Repo
 
 def _print_plan(design: str, asked: PlanOptions, distortion: int | None, json: bool) -> None:
     """Expected errors of a calibration that is planned, on stdout; refused where captures do not determine a camera."""
-    loaded = as_design(design)
+    loaded, build, whose = known_before(Path(design), asked.seed)
     with StatusLine("calibrate") as status:
         status.tell("planning")
         plan = calibration_plan(loaded, asked, distortion)
     if isinstance(plan, str):
         raise refusal("plan", plan)
-    build = first_look_lengths(loaded, asked.seed)
     if json:
         large = too_large(loaded, plan.captures)
         notes = [f"{large}: {smaller_board(loaded, plan.captures)}"] if large else []
@@ -199,5 +199,5 @@ def _print_plan(design: str, asked: PlanOptions, distortion: int | None, json: b
         told |= {"cover": plain(plan_cover(loaded, plan.captures, asked))}
         print(json_text({**plan.to_dict(loaded.name, asked.seed), **told}))
         return
-    blocks = pages.plan_blocks(loaded, plan, asked, build)
-    print_titled(f"Plan of a calibration of {loaded.name}, a first look's tolerances known before", blocks)
+    blocks = pages.plan_blocks(loaded, plan, asked, build, whose)
+    print_titled(f"Plan of a calibration of {loaded.name}, {whose} known before", blocks)

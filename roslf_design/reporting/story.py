@@ -507,12 +507,27 @@ def _known(calibration: Path | PlanOptions, named: Design) -> CalibrationSpread:
 
 
 def _looked(design: Design, calibration: Path | PlanOptions | None) -> LengthCovariance | None:
-    return first_look_lengths(design, calibration.seed) if isinstance(calibration, PlanOptions) else None
+    return _first_look_lengths(design, calibration.seed) if isinstance(calibration, PlanOptions) else None
 
 
-def first_look_lengths(design: Design, seed: int) -> LengthCovariance:
+def _first_look_lengths(design: Design, seed: int) -> LengthCovariance:
     """Lengths as a first look builds them, known before a calibration that is planned."""
     return lengths_built(tolerance_plan(quick_study(design, seed), design)[0])
+
+
+def known_before(path: Path, seed: int) -> tuple[Design, LengthCovariance, str]:
+    """Design of a file, or of a tolerance study, its lengths before a calibration, and in words by whose tolerances.
+
+    Raises
+    ------
+    InputError
+        What cannot be read, and other kinds of study.
+    """
+    if load_story_or_study(path)[0] != "tolerance":
+        design = as_design(str(path))
+        return design, _first_look_lengths(design, seed), f"a first look's tolerances ({GRADE} grade)"
+    plan = tolerance_plan(read_toml(path, str(path)), None, path.parent, str(path))[0]
+    return plan.question.design, lengths_built(plan), f"tolerances of the study {plan.name}"
 
 
 def _known_if_told(calibration: Path, named: Design) -> CalibrationSpread | None:

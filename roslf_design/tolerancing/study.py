@@ -424,8 +424,9 @@ class TolerancePlan:
 
     @cached_property
     def nominal(self) -> Array:
-        """The nominal design's columns, shape (columns,)."""
-        return evaluate_builds(self.question, {}, 1)[:, 0]
+        """The nominal design's columns, shape (columns,); as builds' where they differ in temperature, at its own."""
+        warmth = {p.place: np.array([p.nominal]) for p in self.draws.perturbations if p.place == TEMPERATURE}
+        return evaluate_builds(self.question, warmth, 1)[:, 0]
 
     @cached_property
     def limited(self) -> TolerancePlan:

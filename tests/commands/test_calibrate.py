@@ -21,7 +21,9 @@ from roslf_design.depth.geometry import calibration_sigma
 from roslf_design.design import load, save
 from roslf_design.imaging.files import write_image
 from roslf_design.imaging.render import render
+from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.length_covariance import LengthCovariance
+from roslf_design.words import uncertainty
 from tests.bench.made import BOARD, CELL, RAYS, SAMPLING, board_scene, picture
 from tests.bench.made import POSES as FOUR_POSES
 from tests.bench.made import small as small_camera
@@ -452,6 +454,29 @@ def test_a_plan_lists_changes_by_depth_and_says_what_boards_add_and_leave_out(ca
     half = captures["range_mm"] / 2 * (1 - 1 / captures["boards"])
     assert captures["distance_mm"] + half - tip > float(far)
     assert float(near) < float(far) < float(end)
+
+
+def test_a_plan_of_a_study_knows_its_tolerances_before(tmp_path, capsys):
+    """Lengths by hand: of a single length, known to a tenth of a tenth of a millimetre, sigma is width over sqrt(3)."""
+    study = tmp_path / "own.toml"
+    study.write_text(
+        'name = "own"\ndesign = "paper"\ntrials = 8\n'
+        '[[perturb]]\nplace = "microlens_array.distance"\ntolerance = "0.01 mm"\ndistribution = "uniform"\n'
+        '[[goals]]\nquantity = "fill_factor"\nmin = 0.5\n'
+    )
+    code, out, err = run(capsys, "calibrate", "--plan", study, "--json")
+    assert (code, err) == (0, "")
+    plan, design = json.loads(out), load("paper")
+    made = LengthCovariance(("microlens_array.distance",), np.array([[0.01**2 / 3]]))
+    bare = {t.name: t.u_mm for t in depth_budget(Camera.of(design), build=made).terms}["lengths as built"]
+    told = {t["name"]: t["u_mm"] for t in plan["depth_with_tolerances"]["terms"]}["lengths as calibrated"]
+    assert 0 < told <= float(bare) * (1 + 1e-9)
+    assert plan["depth_with_tolerances"]["u_z_mm"] < plan["depth_expected"]["u_z_mm"] / 5
+    code, said, _ = run(capsys, "calibrate", "--plan", study)
+    said = " ".join(said.split())
+    assert "bench system, tolerances of the study own known before" in said
+    u = float(depth_budget(Camera.of(design), build=made).expanded_mm)
+    assert f"Uncalibrated, by tolerances of the study own alone: {uncertainty(u, 3, '± ')} in the focal plane" in said
 
 
 def test_the_plan_of_the_paper(capsys):

@@ -14,6 +14,7 @@ from roslf_design.errors import InputError
 from roslf_design.evaluation.specification import specification
 from roslf_design.optimization import Constraint
 from roslf_design.reporting.story import _builds_alone
+from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.focused import is_focused
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
@@ -479,3 +480,20 @@ def test_a_study_holds_what_its_design_requires_beside_goals_of_its_own():
     none = math.inf
     assert asked == [("fill_factor@0", 0.9, none), ("kept_fraction@0", 0.5, none), ("u_z_mm", -none, 0.5)]
     assert "has no [required]" in faults(data)["required"]
+
+
+def test_a_study_of_temperatures_takes_its_nominal_design_as_its_builds():
+    """At one temperature: the square of what depth has of the range over it comes off, by the budget's own terms."""
+    warm = {"temperature": 20.0, "range": [15.0, 40.0], "calibrated_at": 20.0, "housing": "aluminium"}
+    design = load("paper").replace({"environment": warm})
+    study = {
+        "name": "warm", "trials": 8, "goals": [{"metric": "u_z_mm", "max": 9.0}],
+        "perturb": [{"place": "environment.temperature", "tolerance": "5 K"}],
+    }  # fmt: skip
+    nominal = tolerance_plan(study, design)[0].nominal[0]
+    budget = depth_budget(Camera.of(design))
+    terms = {term.name: float(term.u_mm or 0.0) for term in budget.terms}
+    assert terms["temperature"] > 0.1
+    assert nominal == pytest.approx(np.sqrt(float(budget.u_z_mm) ** 2 - terms["temperature"] ** 2), rel=1e-6)
+    fixed = {**study, "perturb": [{"place": "sensor.distance", "tolerance": "5 um"}]}
+    assert tolerance_plan(fixed, design)[0].nominal[0] == pytest.approx(float(budget.u_z_mm), rel=1e-6)

@@ -530,16 +530,18 @@ def plan_blocks(
     plan: CapturePlan,
     asked: PlanOptions,
     build: LengthCovariance | None = None,
+    whose: str = "tolerances",
 ) -> tuple[Block, ...]:
-    """A plan with its promise and its changes; with the `build`'s tolerances, where these are known."""
+    """A plan with its promise and its changes; with the `build`'s tolerances, where these are known, and `whose`."""
     c, before = plan.captures, plan.expected
     supposed, others = "by captures alone", list[str]()
     promises, changed, whence = "What these captures promise", "Expected sigma after one change", VARIANCE
     if build is not None:
         u, bare = planned_depth(design, plan, asked).expanded_mm, depth_budget(Camera.of(design), build=build)
         supposed = "with tolerances known before"
+        wide = uncertainty(float(bare.expanded_mm), 3, "± ")
         others = [
-            f"Uncalibrated, by tolerances alone: {uncertainty(float(bare.expanded_mm), 3, '± ')} in the focal plane.",
+            f"Uncalibrated, by {whose} alone: {wide} in the focal plane.",
             f"By captures alone, of a camera whose tolerances nobody knows: ± {_rounded(u)} in the focal plane.",
         ]
         promises += ", without tolerances"

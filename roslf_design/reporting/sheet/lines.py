@@ -719,7 +719,8 @@ def _depths_by_lengths(grounds: SpreadSources) -> Iterator[tuple[str, DepthBudge
         (
             "as a first look builds them" if looked else "as built",
             None if before is None else depth_budget(camera, build=before),
-            "quote it of cameras that nobody calibrates",
+            "quote it of cameras that nobody calibrates"
+            + "; by tolerances of a grade, not yours, which a tolerance study's sheet has" * looked,
             "not known here: `roslf datasheet` of a tolerance study has it",
         ),
         (
