@@ -40,6 +40,7 @@ from ..tolerancing.run import ChunkLostError, WorkerSettings, run_trials
 from ..tolerancing.study import RunOptions
 from ..tolerancing.tally import npz_bytes
 from ..tolerancing.trials import measure_uniforms
+from ..tolerancing.yields import MOST_SCALE
 from ..words import sentence
 from .results import picture_files, print_blocks
 from .terminal import (
@@ -173,8 +174,9 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
         yield Paragraph(sentence(result.precision.accuracy.sentence(times)))
     if result.scale_for_target is not None:
         scale, reached = result.scale_for_target
+        all_of_them = "No limit found: even all" if scale >= MOST_SCALE else "All"
         yield Paragraph(
-            f"All tolerances times {scale:.3g} give a yield of {share_words(reached)}; the target is "
+            f"{all_of_them} tolerances times {scale:.3g} give a yield of {share_words(reached)}; the target is "
             f"{100 * result.study.yield_target:.4g} %"
         )
     if result.final.result.value < result.study.yield_target:

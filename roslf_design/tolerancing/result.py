@@ -29,6 +29,7 @@ from ..theory.length_covariance import LengthCovariance
 from ..theory.limits import AT_FIELD
 from ..theory.quantities import EXPANDED, QUANTITIES, bound_note
 from ..theory.tube import WIDTHS, unsaid_bore
+from ..units import COLDEST, HOTTEST
 from ..words import clauses, listed, number, uncertainty
 from .budgets import ToleranceBudget, budget, searched_builds
 from .draws import Perturbation
@@ -64,6 +65,8 @@ MANY = 1024
 """Number of builds for quantities that the study does not report: their scatter to some two in a hundred."""
 REACH = 0.1
 """Share of a length, or angle [rad], within which inverse sensitivity tells limits."""
+AT_REACH = 1e-6
+"""Share of it by which a bracket may end short of where limits are looked for."""
 SIGMAS = 2.0
 """Width of an error bound in standard errors: a share is off by more in at most 5 % of runs."""
 PARTS, LEAST = 20, 10
@@ -362,11 +365,13 @@ def _limit_of(plan: TolerancePlan, one: Requirement) -> tuple[str, float, float]
 
 
 def reach_of(p: Perturbation, kind: str) -> float:
-    """Half-width beyond which a miss makes another design, or closed forms of tilts end; infinite where none does.
+    """Half-width beyond which a miss makes another design, is not met or ends closed forms of tilts; else infinite.
 
     A tolerance that is given is within it, and it is no farther than limits are looked for.
     """
-    sized = p.nominal and kind != "temperature" and ".decentre." not in p.place
+    if kind == "temperature":
+        return max(min(p.nominal - COLDEST, HOTTEST - p.nominal), p.tolerance)
+    sized = p.nominal and ".decentre." not in p.place
     most = REACH if kind == "angle" else REACH * abs(p.nominal) if sized else math.inf
     return min(max(most, p.tolerance), LOOSEST * p.tolerance) if math.isfinite(most) else most
 
@@ -375,9 +380,11 @@ def _within_reach(allowed: Allowed, p: Perturbation, kind: str) -> Allowed:
     """Inverse sensitivity of a perturbation without limits that lie beyond its `reach_of`."""
     reach = reach_of(p, kind)
     none = f"no limit within ± {display(reach, kind)}"
-    if allowed.alone > reach:
+    if allowed.alone > reach * (1 - AT_REACH):
         allowed = replace(allowed, alone=math.inf, alone_limited_by=none)
-    return replace(allowed, tolerance=math.inf, limited_by=none) if allowed.tolerance > reach else allowed
+    return (
+        replace(allowed, tolerance=math.inf, limited_by=none) if allowed.tolerance > reach * (1 - AT_REACH) else allowed
+    )
 
 
 def sobol_samples(plan: TolerancePlan, study: Study) -> int:

@@ -28,6 +28,8 @@ CURVE_TRIALS, CURVE_TRIALS_ADJUSTED = 16384, 4096
 """Trials for each point of a curve; fewer where each trial is adjusted."""
 DEAR = 8
 """How many times fewer they are of builds that take a millisecond: the interval says what that leaves unsure."""
+MOST_SCALE = 64.0
+"""Largest factor on all tolerances that is tried."""
 LOST = 8
 """Builds that a target yield loses at least among those that a change is searched by: fewer tell it from no other."""
 EARLIEST = 8
@@ -231,7 +233,7 @@ def scale_for_yield(
     others = ScaledBuilds(plan, fresh(plan.draws), FRESH * trials)
 
     def largest(aim: float) -> float | None:
-        least, loose, tight = least_passed(aim, trials), 64.0, 1e-3
+        least, loose, tight = least_passed(aim, trials), MOST_SCALE, 1e-3
         held = [scale for scale, _ in takewhile(lambda point: point[1].interval[0] >= aim, curve)]
         sure, lost = held[-1] if held else 0.0, curve[len(held)][0] if len(held) < len(curve) else math.inf
 

@@ -618,7 +618,10 @@ def test_every_evaluation_carries_what_it_is_worth(tmp_path, capsys):
     assert 0 <= told["measured_error"] <= 5e-3
     assert told["seconds"] > 0
     assert main(["evaluate", "paper", "--accuracy", "5e-3"]) == 0
-    assert "Every number known to ±1e-12 of its value (asked for 0.005 of its value)" in capsys.readouterr().out
+    assert (
+        "Every number of the model computed to ±1e-12 of its value (asked for 0.005 of its value)"
+        in capsys.readouterr().out
+    )
 
 
 def test_a_report_passes_it_on(tmp_path):

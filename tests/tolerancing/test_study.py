@@ -29,7 +29,8 @@ from roslf_design.tolerancing.places import (
     perturbable,
     short_name,
 )
-from roslf_design.tolerancing.sensitivities import sensitivity
+from roslf_design.tolerancing.result import _within_reach
+from roslf_design.tolerancing.sensitivities import inverse_sensitivity, sensitivity
 from roslf_design.tolerancing.study import MetricGoal, load_plan, plan_from, tolerance_plan
 
 GOOD = {"name": "s", "design": "paper", "grade": "high", "goals": [{"metric": "fill_factor", "min": 0.9}]}
@@ -497,3 +498,21 @@ def test_a_study_of_temperatures_takes_its_nominal_design_as_its_builds():
     assert nominal == pytest.approx(np.sqrt(float(budget.u_z_mm) ** 2 - terms["temperature"] ** 2), rel=1e-6)
     fixed = {**study, "perturb": [{"place": "sensor.distance", "tolerance": "5 um"}]}
     assert tolerance_plan(fixed, design)[0].nominal[0] == pytest.approx(float(budget.u_z_mm), rel=1e-6)
+
+
+def test_a_temperature_that_fails_no_limit_says_how_far_it_was_looked_for():
+    """By hand: from 20 degrees to the coldest that a camera meets, -60; pixels overflow nowhere before."""
+    warm = {"temperature": 20.0, "range": [15.0, 40.0], "housing": "aluminium"}
+    design = load("paper").replace({"environment": warm})
+    perturb = [{"place": "environment.temperature", "tolerance": "5 K"}]
+    study = {"name": "warm", "trials": 8, "goals": [{"metric": "fill_factor", "min": 0.5}], "perturb": perturb}
+    plan = tolerance_plan(study, design)[0]
+    (one,), (p,) = inverse_sensitivity(plan, 0.5), plan.draws.perturbations
+    assert one.alone == pytest.approx(80.0, rel=1e-6)
+    told = _within_reach(one, p, "temperature")
+    assert (told.alone, told.alone_limited_by) == (math.inf, "no limit within ± 80 K")
+    narrow = {**study, "goals": [{"metric": "working_distance_mm", "min": "229.9 mm", "max": "230.1 mm"}]}
+    plan = tolerance_plan(narrow, design)[0]
+    told = _within_reach(*inverse_sensitivity(plan, 0.5), p, "temperature")
+    assert told.alone < 80.0
+    assert told.alone_limited_by == "working_distance_mm"

@@ -627,8 +627,8 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
     caption = (
         "r²: squared correlation with the weakest metric, 0 of what moves it alike both ways, as a decentre does (its "
         "Sobol indices count that). Alone up to: where, all else nominal, the first goal fails, "
-        "or the build cannot be put together; looked for within a tenth of a length, 0.1 rad of an angle, and the "
-        "tolerance given. "
+        "or the build cannot be put together; looked for within a tenth of a length, 0.1 rad of an angle, "
+        "temperatures that cameras meet, and the tolerance given. "
         f"Shared budget: what uses {share} of each limit's margin, n = {len(shares)} parameters."
         f"{' For the target yield: all tolerances scaled by one factor.' if scale else ''}"
         f"{f' Source: of the grade {grade}, or this study.' if grade and not brief else ''}"
