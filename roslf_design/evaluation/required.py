@@ -207,6 +207,13 @@ def _of_corner(shown: FieldImages, quantity: Quantity, at: float | None, low: fl
     return beside, f"in the middle alone{much_less}", f'field = "corner" requires it there; {SHARPER}'
 
 
+def _label(shown: FieldImages, stated: Required, quantity: Quantity, asked: Required) -> str:
+    """Name of what is required, with the field and the distance that it is required at."""
+    label = QUANTITIES[stated.quantity].label or quantity.name
+    label += "" if asked.off_axis is None else f" {shown.in_words(asked.off_axis)}"
+    return label if asked.at is None else f"{label} at {number(asked.at, 4)} mm"
+
+
 def requirements(
     shown: FieldImages, camera: Camera, budget: Callable[[float | None], DepthBudget]
 ) -> tuple[Requirement, ...]:
@@ -242,10 +249,7 @@ def requirements(
         met = not undefined and bool(quantity.within(low, high, value))
         dark = _darkness(shown, quantity, low, value) if met else None
         met = met and dark != DARK
-        label = (QUANTITIES[stated.quantity].label or quantity.name) + (
-            "" if field is None else f" {shown.in_words(field)}"
-        )
-        label += "" if asked.at is None else f" at {number(asked.at, 4)} mm"
+        label = _label(shown, stated, quantity, asked)
         at, only, remedy, of_detail = asked.at, "", "", quantity.unit == "lp/mm"
         counts = counted[quantity.name](at) if quantity.name in counted and not undefined else ""
         fold = float(quantity_named("fold_lp_per_mm")(camera, at)) if of_detail else math.inf

@@ -134,6 +134,25 @@ def distances(geometry: ViewGeometry, low: float, high: float) -> str:
     return f"{low - tip:.4g} and {high - tip:.4g} mm ahead of the tip ({low:.5g} and {high:.5g}{lens})"
 
 
+def _light_of_the_design(trial: Trial) -> Iterator[Statement]:
+    """Which light counts, where a scene states an exposure of its own."""
+    given = trial.scene.light
+    if given.exposure is None:
+        return
+    noise = "exposure and read noise are" if given.read_noise else "exposure is"
+    text = (
+        f"How much light? The design's, {trial.electrons:.4g} electrons in a pixel where the scene is as bright as "
+        f"on average; the scene's own {noise} for roslf render and not used here."
+    )
+    remedy = ""
+    if mean := given.exposure * trial.scene.brightness:
+        remedy = (
+            f"{given.exposure:.4g} electrons where it is white would be some {mean:.4g} on average: light.exposure "
+            f"{mean / trial.electrons:.2g} times as long in the design gives as many."
+        )
+    yield Statement("caution", text, remedy)
+
+
 def statements(trial: Trial) -> Iterator[Statement]:
     """A verdict for each question."""
     summary = trial.summary()
@@ -150,20 +169,7 @@ def statements(trial: Trial) -> Iterator[Statement]:
             )
         remedy = f"Expose {0.9 / max(trial.brightest, 0.9):.2g} times as long (light.exposure)."
         yield Statement("bad" if trial.saturated > 1 - FEW else "caution", text, remedy)
-    given = trial.scene.light
-    if given.exposure is not None:
-        noise = "exposure and read noise are" if given.read_noise else "exposure is"
-        text = (
-            f"How much light? The design's, {trial.electrons:.4g} electrons in a pixel where the scene is as bright as "
-            f"on average; the scene's own {noise} for roslf render and not used here."
-        )
-        remedy = ""
-        if mean := given.exposure * trial.scene.brightness:
-            remedy = (
-                f"{given.exposure:.4g} electrons where it is white would be some {mean:.4g} on average: light.exposure "
-                f"{mean / trial.electrons:.2g} times as long in the design gives as many."
-            )
-        yield Statement("caution", text, remedy)
+    yield from _light_of_the_design(trial)
     yield known(trial, summary)
     if trial.aliased > 0:
         text = f"Is the texture seen? In {_percent(trial.aliased)} of the field it aliases: finer than two microlenses."
