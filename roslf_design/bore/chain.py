@@ -240,6 +240,8 @@ class Chain:
     """Data sheet of the main lens, which may map angles and tell light over the field."""
     bores: tuple[str, ...] = ()
     """Places of the openings that are the tube's own bore."""
+    stops: tuple[str, ...] = ()
+    """Names of the further stops."""
 
     @property
     def in_air(self) -> bool:

@@ -9,21 +9,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field
 
 from .._arrays import Array
 from ..lenses.angles import F_TAN, AngleMap
 from ..units import Distance, Length
 from .export import SequenceRow
 from .faces import Face, Surroundings
-from .part import Number, Offset, OpticalPart, PartNumbers, Tilt
+from .part import GivenName, Number, Offset, OpticalPart, PartNumbers, Tilt
 
-LONGEST_NAME = 24
-"""Characters that a name has at most: it stands in columns and in drawings."""
 Matrix = tuple[Number, Number, Number, Number]
 """A, B, C and D of light towards the sensor, its slopes times index."""
 Outline = NDArray[np.float64]
@@ -44,7 +41,7 @@ class Element(OpticalPart):
     """Offset from the axis [mm]."""
     tilt: Tilt = (0.0, 0.0)
     """About the sensor-side vertex [rad]."""
-    name: Annotated[str, Field(max_length=LONGEST_NAME, pattern=r"^\S(.*\S)?$")] | None = None
+    name: GivenName | None = None
     """Name on pages and in tables, such as "ocular"; by its kind and number, "lens 1", where none is given."""
 
     number_keys: ClassVar[tuple[str, ...]] = ("distance", "diameter")

@@ -23,6 +23,10 @@ Tilt = tuple[Angle, Angle]
 Size = tuple[Length, Length]
 PartName = Annotated[str, Field(min_length=1)]
 """Name of a part in a catalogue."""
+LONGEST_NAME = 24
+"""Characters that a name has at most: it stands in columns and in drawings."""
+GivenName = Annotated[str, Field(max_length=LONGEST_NAME, pattern=r"^\S(.*\S)?$")]
+"""Name that a designer gives a part."""
 Layout = Literal["square", "hexagonal"]
 """Packing of microlenses; hexagonal rows run along the array's x axis."""
 Colours = Literal["mono", "RGGB", "GRBG", "GBRG", "BGGR"]

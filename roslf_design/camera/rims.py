@@ -20,7 +20,7 @@ class Rim:
     """An opening that light must pass: the flexible angular plane (FAP), the main lens, a further stop."""
 
     name: str
-    """"FAP", "main lens", or "stop 1" and so on, in the order of the design file."""
+    """"FAP", "main lens", or "stop 1" or a name of its own and so on, in the order of the design file."""
     part: str
     """Its place in a design: "aperture", "main_lens", "stops.0"; of an element's two faces "elements.0.0" and ".1",
     of sections of a rod's barrel ".2" and so on; of what an objective with a mapping images "elements.0.image"."""

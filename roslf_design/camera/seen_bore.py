@@ -207,7 +207,7 @@ class SeenBore(Symbols[Number]):
     def rims(self) -> tuple[Rim, ...]:
         """Every opening but the FAP: main lens, further stops and elements, in the order of the design file."""
         lens = Rim("main lens", "main_lens", ClearAperture(self.D / 2), 0.0, 0.0)
-        stops = (self._rim(f"stop {k + 1}", f"stops.{k}") for k in range(self.stop_count))
+        stops = (self._rim(name, f"stops.{k}") for k, name in enumerate(self.chain.stops))
         return (lens, *stops, *self._mapped_image, *(rim for part in self.in_bore for rim in self._faces(part)))
 
     @property
@@ -223,7 +223,7 @@ class SeenBore(Symbols[Number]):
     @property
     def stop_openings(self) -> tuple[Rim, ...]:
         """The FAP and the further stops."""
-        return (self.fap, *self.rims[1 : 1 + self.stop_count])
+        return (self.fap, *self.rims[1 : 1 + len(self.chain.stops)])
 
     @cached_property
     def _mapped_image(self) -> tuple[Rim, ...]:
@@ -257,14 +257,6 @@ class SeenBore(Symbols[Number]):
         return tuple(
             sorted(self.openings, key=lambda rim: (-float(np.ravel(rim.ruler_distance)[0]), rim.part.endswith(".1")))
         )
-
-    @cached_property
-    def stop_count(self) -> int:
-        """Number of stops beside the FAP and the main lens."""
-        number = 0
-        while f"stops.{number}.distance" in self._numbers:
-            number += 1
-        return number
 
     def _rim(self, name: str, part: str, stands: Number | None = None, outline: ClearAperture | None = None) -> Rim:
         stands = self._numbers[f"{part}.distance"] if stands is None else stands

@@ -300,9 +300,9 @@ class _SensorPart(Entry):
 
     @property
     def unstated(self) -> tuple[str, ...]:
-        """Its filters or its package."""
+        """Its filters or its package; of none the glass that covers it."""
         known = {"colour filters": self.colours or self.mono_too, "package": self.package}
-        return tuple(name for name, said in known.items() if not said)
+        return (*(name for name, said in known.items() if not said), "cover glass")
 
     @property
     def filters(self) -> str:

@@ -104,6 +104,8 @@ def catalogue(
         say(f"{number}  {note}")
     if any(row["kind"] == "lenses" for row in chosen):
         print("\nLenses with a prescription are traced behind main_lens.prescription; of the others f and D are known.")
+    if any(row["kind"] == "sensors" for row in chosen):
+        print("\nNo cover glass is stated: most sensors have one; sensor.cover gives it, and d_2 has to hold it.")
     if whole:
         print(
             f"\nMaterials by name: {', '.join(sorted({glass.name for glass in materials().values()}, key=str.lower))}."

@@ -111,7 +111,9 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
     @field_validator("aperture", mode="wrap")
     @classmethod
     def _of_lens(cls, value: Any, check: Callable[[Any], Pupil], info: ValidationInfo) -> Pupil:
-        lens, value = info.data.get("main_lens"), Pupil(**dict(value)) if isinstance(value, Stop) else value
+        if isinstance(value, Stop):  # pages call it by what it is
+            value = Pupil(**{key: own for key, own in dict(value).items() if key != "name"})
+        lens = info.data.get("main_lens")
         if not lens:
             return check(value or Pupil(distance=0.0, diameter=1.0))  # the lens's own faults are told
         pupil = check(lens.kind.with_pupil(value) if isinstance(value, Mapping) else value)
@@ -171,7 +173,7 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
     @property
     def openings(self) -> tuple[Placed[Opening], ...]:
         """The FAP and the further stops, where they stand."""
-        further = ((f"stops.{k}", f"stop {k + 1}", stop) for k, stop in enumerate(self.stops))
+        further = ((f"stops.{k}", stop.called(k + 1), stop) for k, stop in enumerate(self.stops))
         named = (("aperture", "FAP", self.aperture), *further)
         return tuple(Placed(*each, each[-1].stands, each[-1].stands) for each in named)
 
@@ -237,8 +239,9 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
         before = tuple(place for place, plate in self._plates.items() if plate.before_lenslets)
         behind = tuple(place for place in self._plates if place not in before)
         bores = tuple(opening.place for opening in self.openings if opening.part.bore)
-        stop_behind = self.aperture.behind is not None
-        return Chain(self.elements, housing, before, behind, stop_behind, self.main_lens.sheet, bores)
+        stops = tuple(stop.name for stop in self.openings[1:])
+        imaged = self.aperture.behind is not None
+        return Chain(self.elements, housing, before, behind, imaged, self.main_lens.sheet, bores, stops)
 
     @property
     def bore_numbers(self) -> dict[str, float]:

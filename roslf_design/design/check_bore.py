@@ -80,7 +80,7 @@ def about_sheet(design: Assembly) -> Iterator[Problem]:
         yield Problem("main_lens.focal_plane", f"{shown(plane)} is behind the lens's front vertex; focus farther out")
 
 
-def _about_names(design: Assembly) -> Iterator[Problem]:
+def about_names(design: Assembly) -> Iterator[Problem]:
     """Names that two parts of the bore have, or that pages call something else by."""
     at = dict.fromkeys(
         ("main lens", "MLA", "sensor", "focal plane", "own cell", "neighbours"), "another line of tables"
@@ -98,7 +98,7 @@ def about_elements(design: Assembly, known: Sequence[Problem]) -> tuple[Problem,
     """
     spans = [(at.place, at.near, at.far) for at in design.in_bore]
     names = {at.place: at.name for at in design.in_bore}
-    problems = [*_about_names(design)]
+    problems = list[Problem]()
     if not spans and design.object_space.medium != AIR:
         name = design.object_space.medium.name
         message = (

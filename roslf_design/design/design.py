@@ -23,7 +23,7 @@ from ..toml_files import nearest
 from ..units import format_quantity
 from .assembly import Assembly
 from .check import DISTANCE, FOCAL, MISFIT, PLANE, DesignError, at, checked_places, cross_check, design_problems
-from .check_bore import about_array, about_elements, about_shapes, about_sheet, about_stop_behind
+from .check_bore import about_array, about_elements, about_names, about_shapes, about_sheet, about_stop_behind
 from .environment import REFERENCE
 from .growth import Growth, about_environment
 from .parts import BEHIND, PATHS
@@ -71,7 +71,7 @@ class Design(Assembly):
                 f"or drop {mapped}"
             )
             problems += (Problem("aperture.distance", message),)
-        problems += (*about_array(self), *about_environment(self), *about_shapes(self))
+        problems += (*about_names(self), *about_array(self), *about_environment(self), *about_shapes(self))
         problems += () if problems else (*about_stop_behind(self), *about_sheet(self))
         if problems:
             raise PydanticCustomError(MISFIT, "parts do not fit", {"problems": problems})

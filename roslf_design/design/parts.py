@@ -18,7 +18,7 @@ from ..bore.export import SequenceRow
 from ..bore.lens_sheet import LensSheet
 from ..bore.main_lens import MainLensKind, SheetMainLens, main_lens_kind
 from ..bore.opening import TURN, ClearAperture
-from ..bore.part import Colours, Layout, Number, Offset, OpticalPart, Part, PartName, Size, Tilt
+from ..bore.part import Colours, GivenName, Layout, Number, Offset, OpticalPart, Part, PartName, Size, Tilt
 from ..bore.plate import glass_rows
 from ..bore.real_lens import Lens
 from ..lenses.glass import Glass
@@ -190,6 +190,12 @@ class Stop(Opening):
 
     distance: Distance
     """Distance in front of the main lens [mm]; 0 is at the lens."""
+    name: GivenName | None = None
+    """Name on pages and in tables, such as "tip"; by its number, "stop 1", where none is given."""
+
+    def called(self, number: int) -> str:
+        """Name of the one of that number, from 1."""
+        return self.name or f"stop {number}"
 
     @property
     def stands(self) -> float:
@@ -371,7 +377,8 @@ class Sensor(OpticalPart):
     """Magnification of a relay between the MLA's image plane and the sensor, where a pixel is then 1/magnification as
     large."""
     cover: Cover | None = None
-    """Glass before the sensor, behind the MLA; None where there is none."""
+    """Glass before the sensor, behind the MLA; None where there is none. Most packages have one, which no part of the
+    catalogue states: its thickness is on the maker's drawing, and d_2 has to hold it."""
     quantum_efficiency: Annotated[float, Field(gt=0, le=1)] = 0.7
     """Electrons per photon; makers' EMVA 1288 sheets of CMOS sensors tell 0.55 to 0.8 in the green."""
     full_well: Annotated[float, Field(gt=0, le=1e9)] = 10_500.0

@@ -82,7 +82,7 @@ def _ordered(rows: list[SequenceRow], medium: Glass, end: float, lens: float) ->
     gaps = [after.z - before.z for before, after in pairwise(rows)]
     done = []
     for row, gap in zip(rows, [*gaps, 0.0], strict=True):
-        wet = medium if row.name.startswith(("FAP", "stop")) and row.z < end - 1e-12 else row.surface.glass
+        wet = medium if row.opening is not None and row.z < end - 1e-12 else row.surface.glass
         done.append(replace(row, surface=replace(row.surface, thickness=gap, glass=wet)))
     return tuple(done)
 

@@ -73,7 +73,7 @@ class Share:
     """Share of the rays that fill the FAP which one element lets through."""
 
     name: str
-    """"FAP", "main lens", "stop 1" and so on; then "sensor", "own cell", "neighbours"."""
+    """"FAP", "main lens", "stop 1" (or its name) and so on; then "sensor", "own cell", "neighbours"."""
     kept: float
     """Share of the rays that fill the FAP: past this element and all that light met before it; on the sensor; inside
     the microlens's own cell there; in its neighbours'."""

@@ -205,7 +205,7 @@ def _focuses(place: str, design: Design | None) -> bool:
 def short_name(place: str, design: Design | None = None) -> str:
     """Short name of a place on a figure or in a table: "d_3", "FAP decentre x", "MLA rotation", "plate 1 wedge x".
 
-    Without the design elements before the main lens go by their number alone.
+    Without the design stops and elements before the main lens go by their number alone.
     """
     symbols = {path: symbol for symbol, path in PATHS.items() if symbol not in ("q", "wavelength")}
     if place in symbols:
@@ -215,7 +215,8 @@ def short_name(place: str, design: Design | None = None) -> str:
         return rest
     if part == "stops":
         index, _, rest = rest.partition(".")
-        part = f"stop {int(index) + 1}"
+        number = int(index) + 1
+        part = f"stop {number}" if design is None else design.stops[number - 1].called(number)
     if part == "elements":
         index, _, rest = rest.partition(".")
         number = int(index)

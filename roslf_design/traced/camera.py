@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
@@ -24,6 +24,7 @@ from .._arrays import by_value
 from ..bore.opening import ClearAperture
 from ..camera import Camera
 from ..design import Design
+from ..design.assembly import Placed
 from ..design.parts import MicrolensArray, Opening, Sensor
 from ..errors import Problem
 from ..fates import FATES, RayFate, describe, state_at
@@ -55,6 +56,8 @@ class TracedPlane:
     """Diameter of a stop [mm]; of a rectangle the wider of its extents along x and y."""
     outline: ClearAperture | None = None
     """A stop's clear opening; None of a disc."""
+    name: str = ""
+    """A stop's name; by its number where none is given."""
 
     @property
     def opening(self) -> ClearAperture:
@@ -272,7 +275,9 @@ class LensCamera:
     def place_name(self, place: int) -> str:
         """Name of a place that rays' states count: surfaces of the lens, then what stands before it."""
         stop = place - self.rims_at
-        return f"surface {place}" if stop < 0 else f"stop {stop}" if stop else "FAP"
+        if stop < 0:
+            return f"surface {place}"
+        return self.rims[stop].name or (f"stop {stop}" if stop else "FAP")
 
     def describe(self, state: int) -> str:
         """Words for a ray's state."""
@@ -408,14 +413,18 @@ def camera_of(design: Design) -> LensCamera:
     if design.main_lens.tilt != (0.0, 0.0):
         lens = turned(lens, *design.main_lens.tilt, pivot=(front + rear) / 2)
 
-    def stands(part: Opening | MicrolensArray | Sensor, z: float, opening: ClearAperture | None = None) -> TracedPlane:
+    def stands(part: Opening | MicrolensArray | Sensor, z: float) -> TracedPlane:
         x, y = np.subtract(part.decentre, design.main_lens.decentre)
-        width = math.inf if opening is None else float(opening.width)
-        return TracedPlane(z, float(x), float(y), part.tilt, width, opening)
+        return TracedPlane(z, float(x), float(y), part.tilt)
+
+    def opened(at: Placed[Opening]) -> TracedPlane:
+        opening = at.part.outline
+        plane = stands(at.part, front - at.near)
+        return replace(plane, diameter=float(opening.width), outline=opening, name=at.name)
 
     seen = Camera.of(design)
     mla = rear + float(seen.seen.d_1)
-    rims = tuple(stands(stop, front - stop.stands, stop.outline) for stop in design.all_stops)
+    rims = tuple(map(opened, design.openings))
     array, detector = stands(design.microlens_array, mla), stands(design.sensor, mla + float(seen.seen.d_2))
     focal_plane = front - design.d_f
     if design.elements:

@@ -14,8 +14,11 @@ from numpy.testing import assert_allclose
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.design import DesignError, dumps, loads
+from roslf_design.design.sequence import sequence_of
+from roslf_design.reporting.design.rays import dimensions
 from roslf_design.theory.quantities import QUANTITIES, quantity_named
 from roslf_design.theory.stop_images import MicrolensImages
+from roslf_design.tolerancing.places import short_name
 from tests.oracles.object_space import object_side
 
 PAPER = roslf.load("paper").replace({"aperture.distance": 117.0})
@@ -503,3 +506,33 @@ def test_ray_budget_folds_what_takes_no_light():
     fields = len(result.fields)
     for k in range(fields):
         assert sum(shares[k::fields]) == pytest.approx(100, abs=0.05)
+
+
+@pytest.mark.parametrize("bore", [{}, {"elements": [PLATE]}])
+def test_stops_go_by_their_names(bore):
+    """Verdicts, ray budget, places of a tolerance study, drawings and saved files have the names given."""
+    stops = [{"diameter": 2.0, "distance": 100.0, "name": "wide end"}, {"diameter": 9.0, "distance": 60.0}]
+    named = PAPER.replace(bore | {"stops": stops})
+    page = roslf.evaluate(named).everything
+    assert "wide end" in page
+    assert "stop 2" in page
+    assert "stop 1" not in page
+    bare = PAPER.replace(bore | {"stops": [{key: stop[key] for key in ("diameter", "distance")} for stop in stops]})
+    assert re.sub(r"(the\s+)?wide\s+end", "stop 1", page).split() == roslf.evaluate(bare).everything.split()
+    assert loads(dumps(named)).stops == named.stops
+    assert short_name("stops.0.decentre.0", named) == "wide end decentre x"
+    assert "wide end" in str(dimensions(named))
+    (row,) = (row for row in sequence_of(named) if row.name == "wide end")
+    assert row.clip.reach == 1.0
+    for name in ("stop 2", "FAP"):
+        with pytest.raises(DesignError, match=f'"{name}" is the name of'):
+            PAPER.replace(bore | {"stops": [stops[0] | {"name": name}, stops[1]]})
+
+
+def test_rays_behind_a_real_lens_that_a_named_stop_clips_say_so():
+    singlet = roslf.load("paper-singlet")
+    page = roslf.evaluate(
+        singlet.replace({"stops": [{"diameter": 2.0, "distance": 100.0, "name": "wide end"}]})
+    ).everything
+    assert "clipped at wide end" in page
+    assert "stop 1" not in page

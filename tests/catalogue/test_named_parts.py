@@ -225,18 +225,20 @@ def test_a_sensor_that_a_study_chooses_has_not_what_the_one_before_declared(own,
 
 
 def test_what_nobody_states_of_a_sensor_is_said(capsys):
-    """Filters and package: of each sensor what is known, else that it is not."""
+    """Filters, package and cover glass: of each sensor what is known, else that it is not."""
     sensors = {part.part: part for part in load_catalogue().sensors}
     told = {name: (sensors[name].filters, sensors[name].unstated) for name in ("OV9734", "IMX290", "IMX477", "OV6948")}
     assert told == {
-        "OV9734": ("not stated", ("colour filters", "package")),
-        "IMX290": ("with and without", ("package",)),
-        "IMX477": ("RGGB", ("package",)),
-        "OV6948": ("not stated", ("colour filters",)),
+        "OV9734": ("not stated", ("colour filters", "package", "cover glass")),
+        "IMX290": ("with and without", ("package", "cover glass")),
+        "IMX477": ("RGGB", ("package", "cover glass")),
+        "OV6948": ("not stated", ("colour filters", "cover glass")),
     }
     assert roslf.load("rigid-scope").replace({"sensor.part": "OV6948"}).sensor.package == (0.575, 0.575)
     assert main(["catalogue", "--kind", "sensors"]) == 0
-    assert capsys.readouterr().out.count("not stated") > 30
+    said = capsys.readouterr().out
+    assert said.count("not stated") > 30
+    assert "No cover glass is stated" in said
 
 
 def test_the_catalogue_prints_what_to_paste(capsys, tmp_path):

@@ -106,7 +106,8 @@ def _parameters(designs: Sequence[Design]) -> Table:
         }
         for k in range(max(len(each.stops) for each in designs)):
             stop = design.stops[k] if k < len(design.stops) else None
-            column[f"stop {k + 1}"] = f"{stop.outline.words} at {length(stop.distance)}" if stop else ABSENT
+            name = f"{stop.name}, " if stop and stop.name else ""
+            column[f"stop {k + 1}"] = f"{name}{stop.outline.words} at {length(stop.distance)}" if stop else ABSENT
         moved = [f"{part} {pose}" for part, pose in misalignments(design)]
         columns.append(column | {"misalignments": "; ".join(moved) or "none"})
     return _side_by_side("Parameters", columns)

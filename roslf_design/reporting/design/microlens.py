@@ -252,7 +252,7 @@ def _rim_mark(rim: Openings, colour: str, width: float, dash: str) -> Mark:
 def _rims(design: Design, on_picture: bool = False) -> list[tuple[str, str]]:
     """Names and colours of what cuts an image: FAP, main lens, further stops, elements."""
     camera = Camera.of(design)
-    colours = [ON_PICTURE if on_picture else "ink", "blue", *map(stop_colour, range(1, camera.stop_count + 1))]
+    colours = [ON_PICTURE if on_picture else "ink", "blue", *map(stop_colour, range(1, len(camera.chain.stops) + 1))]
     colours += ["grey"] * (len(camera.openings) - len(colours))
     return [(rim.opening, colour) for rim, colour in zip(camera.openings, colours, strict=True)]
 

@@ -744,6 +744,8 @@ class _SchematicPart(NamedTuple):
     """Lines that are written above it."""
     glass: AnyElement | None = None
     """Element before the main lens that it is; None of other parts."""
+    stop: int | None = None
+    """Number of the stop that it is, 0 the FAP; None of other parts."""
 
 
 def dimensions(design: Design) -> Picture:
@@ -770,8 +772,7 @@ def dimensions(design: Design) -> Picture:
     highest, words = WALL, []  # type: float, list[Mark]
     for part, row in zip(parts, rows_of_names(list(place.values()), widths), strict=True):
         at, bottom = place[part.name], WALL + (10 + 44 * row) * up
-        stop = part.name == "FAP" or part.name.startswith("stop")
-        top = WALL if stop else high[part.name]
+        top = WALL if part.stop is not None else high[part.name]
         marks.append(Line([at, at], [top + 0.03, bottom - 2 * up], "grey", 0.7))
         for k, line in enumerate(reversed(part.says)):
             words.append(Text(at, bottom + 13 * k * up, line, "ink", SMALL, "middle", dy=-2, plate=True))
@@ -823,16 +824,16 @@ def _schematic_parts(design: Design) -> list[_SchematicPart]:
     mla, (wide, tall), say = design.microlens_array, design.sensor_size, length
     parts = [
         _SchematicPart("object plane", -design.d_f, 0.0, ("object plane",)),
-        _SchematicPart("FAP", -design.d_3, design.D_F, (_pupil_name(design), _pupil_size(design))),
+        _SchematicPart("FAP", -design.d_3, design.D_F, (_pupil_name(design), _pupil_size(design)), stop=0),
         _SchematicPart("main lens", 0.0, design.D, (f"main lens, D = {say(design.D)}", f"f = {say(design.f)}")),
         _SchematicPart("MLA", design.d_1, mla.size[1], ("MLA", f"d = {say(design.d)}", f"f_ml = {mla.focal_words}")),
         _SchematicPart(
             "sensor", design.d_1 + design.d_2, tall, ("sensor", f"q = {say(design.q)}", f"{wide:.4g} × {tall:.4g} mm")
         ),
     ]
-    for stop in design.openings[1:]:
+    for number, stop in enumerate(design.openings[1:], 1):
         wide, words = float(stop.part.outline.width), stop.part.outline.words
-        parts.append(_SchematicPart(stop.name, -stop.near, wide, (stop.name, words)))
+        parts.append(_SchematicPart(stop.name, -stop.near, wide, (stop.name, words), stop=number))
     for _, name, part, near, far in design.in_bore:
         tall = 2 * (part.half_height or 0.0)
         parts.append(_SchematicPart(name, -(near + far) / 2, tall, (name, *made_of(part)), part))
@@ -886,5 +887,5 @@ def _drawn(element: _SchematicPart, x: float, half: float) -> list[Mark]:
         middles = (2 * np.arange(count)[:, None] + 1 - count) * half / count
         xs, ys = np.tile(x + wide * np.cos(turn), (count, 1)), middles + half / count * np.sin(turn)
         return [Area(parted(xs), parted(ys), "sky", 0.6, "blue", 1.0 if count == 1 else 0.7)]
-    colour = stop_colour(0 if element.name == "FAP" else int(element.name.split()[1]))
+    colour = stop_colour(element.stop or 0)
     return [Line([x, x], [sign * half, sign * WALL], colour, 4) for sign in (-1, 1)]
