@@ -77,7 +77,7 @@ class Linear(NamedTuple):
         taken = np.swapaxes(basis, 1, 2) @ np.concatenate([known, none], axis=1)
         free = (np.concatenate([known, none], axis=1) - basis @ taken).reshape(-1, count + 1)
         triangle = np.asarray(np.linalg.qr(np.concatenate([free, root * np.eye(count, count + 1)]), mode="r"))
-        by_shared = -np.linalg.solve(triangle[:count, :count], triangle[:count, count])
+        by_shared = np.asarray(-np.linalg.solve(triangle[:count, :count], triangle[:count, count]), float)
         by_pose = -np.linalg.solve(upper, taken[..., :count] @ by_shared[:, None] + taken[..., count:])[..., 0]
         moved = known[..., :count] @ by_shared + (own @ by_pose[..., None])[..., 0]
         length = float(by_shared @ by_shared + np.square(by_pose).sum())
