@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -52,6 +52,8 @@ LIT_SHARE = 0.29
 """Share of its light that an image keeps at least where a field counts as lit, as `vignetting.LIT` leaves of a disc."""
 HALVINGS = 11
 """Steps towards where light ends behind a real lens, to 1e-3 of the way."""
+FOLDING = 0.01
+"""Part of a radius to which the one is looked for beyond which images fold."""
 ROUND_FIELD = "round field"
 """Words for the field that a design requires to be round."""
 MOST_FIELDS = 500
@@ -430,6 +432,7 @@ def trace_lens(design: Design, axes: Sequence[Place], thin: Numbers) -> RealLens
         thin_x_ml_max_mm=thin.x_ml_max_mm,
         turned_x_ml_max_mm=None if whole else _turned_bound(design),
         undistorted_in_field=whole,
+        folded_beyond_mm=None if whole else _folded_beyond(design, x_ml),
         fields=fields,
     )
 
@@ -439,6 +442,22 @@ def _turned_bound(design: Design) -> float | None:
         return measured_bound(design.replace({"main_lens.reversed": not design.main_lens.reversed}))[1]
     except LensError:
         return None
+
+
+def _folded_beyond(design: Design, radius: float) -> float | None:
+    """Radius on the array, along x, beyond which images fold, to 1e-2 of the one to which nothing cuts them [mm]."""
+    folds = partial(_folded, design)
+    if not 0 < radius < math.inf or not folds(radius):
+        return None
+    near, far = 0.0, radius
+    while far - near > FOLDING * radius:
+        middle = (near + far) / 2
+        near, far = (near, middle) if folds(middle) else (middle, far)
+    return near
+
+
+def _folded(design: Design, radius: float) -> bool:
+    return real_field(design, [(radius, 0.0)]).images.status[0] == ImageFate.FOLDED
 
 
 def _traced_fields(design: Design, axes: Sequence[Place]) -> tuple[RealLensField, ...]:

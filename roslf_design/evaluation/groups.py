@@ -296,6 +296,8 @@ class RealLens:
     undistorted_in_field: bool
     """Whether images are whole, and not folded, at every field reported here and at the four corners."""
     fields: tuple[RealLensField, ...]
+    folded_beyond_mm: float | None = None
+    """Radius on the MLA, along x, beyond which images fold before anything cuts them; None where none does."""
 
     @property
     def facts(self) -> list[tuple[str, str, str]]:

@@ -333,8 +333,16 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None, answer: F
         folded = [field.x_ml_mm for field in lens.fields if field.status == "folded"]
         places = ", ".join(f"{place(x_ml)} mm" for x_ml in folded)
         where = f", folded over (a caustic of the pupil) at {places}" if folded else ""
+        if lens.folded_beyond_mm is not None:  # before any rim cuts them
+            by_thin = ""
+            bound = (
+                f"{lens.lens} folds them over (a caustic of the pupil, by its aberrations) beyond about "
+                f"{lens.folded_beyond_mm:.3g} mm on the MLA, before any rim cuts them, beyond "
+                f"{lens.x_ml_max_mm:.4g} mm ({lens.x0_max_mm:.4g} mm object radius; "
+                f"thin lens, Eq. 6: {lens.thin_x_ml_max_mm:.4g} mm)"
+            )
         other = lens.turned_x_ml_max_mm
-        wider = other is not None and other > lens.x_ml_max_mm
+        wider = other is not None and other > lens.x_ml_max_mm and lens.folded_beyond_mm is None
         turned = f"the other way round the lens sees whole images out to {other:.4g} mm; " if wider else ""
         ways = "a better corrected or wider lens, a FAP closer to it or a smaller sensor helps"
         text = f"{CUT_IN_IT}: {bound}{where}; {sees}"

@@ -226,6 +226,20 @@ def test_a_rim_that_a_real_lens_loses_is_missed_by_what_it_shows():
     assert "the lens does not image a rim so wide" in missed.remedy
 
 
+def test_images_that_a_lens_folds_before_a_rim_cuts_them_are_told_as_folded():
+    """One image after the other: whole up to there, folded beyond, though all of the FAP is seen; no rim to widen."""
+    lens = {"part": "AC254-030-A", "focal_plane": 67.5}
+    changes = {"main_lens": lens, "aperture": {"diameter": 0.57, "distance": 45.0}, "microlens_array.distance": None}
+    design = roslf.load("paper").replace(changes)
+    beyond = roslf.evaluate(design, fields=[]).real_lens.folded_beyond_mm
+    result = roslf.evaluate(design, fields=[(share * beyond, 0.0) for share in (0.5, 0.97, 1.03, 1.2)])
+    assert [field.status for field in result.real_lens.fields] == ["full", "full", "folded", "folded"]
+    assert result.real_lens.x_ml_max_mm > 1.2 * beyond
+    (told,) = (one for one in result.verdicts if one.name == "field_undistorted")
+    assert "folds them over" in told.text
+    assert told.remedy == "a better corrected or wider lens, a FAP closer to it or a smaller sensor helps"
+
+
 def test_studies_hold_it_at_the_microlens_that_sees_it():
     """Light there is cos^4 of the chief ray's angle, which the array's distance alone moves."""
     design = asked(
