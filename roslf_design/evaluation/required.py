@@ -310,7 +310,24 @@ def requirements(
         numbers, words = (at, low, high, None if undefined else value), (counts, only, remedy)
         there = (twin, field, caution, place, coverage)
         told.append(Requirement(quantity.name, label, *numbers, quantity.unit, met, *words, *there))
-    return tuple(told)
+    return tuple(_with_conflict(camera, one, told) for one in told)
+
+
+def _with_conflict(camera: Camera, one: Requirement, others: Sequence[Requirement]) -> Requirement:
+    """Requirement of a depth for which pixels are full, its remedy being that no light holds it and the others."""
+    if one.met or one.quantity not in OF_DEPTH or FULL not in one.remedy:
+        return one
+    unfilled = float(camera["sensor.full_well"] / electrons(camera, one.at_mm))  # times the light: there it begins
+    for other in others:
+        low, value = other.min, other.value
+        if other.quantity == CHARGE and low is not None and value is not None and value * unfilled < low:
+            words = (
+                f"excludes {other.label}, at least {number(low, 4)} {other.unit}: with over "
+                f"{number(value * unfilled, 4)} {other.unit} there pixels here are full; require less of one, or a "
+                "larger sensor.full_well"
+            )
+            return replace(one, remedy=words)
+    return one
 
 
 _Valued = tuple[float, float, float | None, float, tuple[float, float] | None, bool]

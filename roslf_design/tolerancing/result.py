@@ -327,12 +327,20 @@ def share_that_meets(plan: TolerancePlan, final: Variant, one: Requirement) -> Y
     for limit in final.limits:
         if one.quantity != "u_z_mm" and (limit.label, limit.low, limit.high) == _limit_of(plan, one):
             return limit.result
-    if not of_builds(one):
+    return share_that_meets_all(plan, [one])
+
+
+def share_that_meets_all(plan: TolerancePlan, required: Sequence[Requirement]) -> Yield | None:
+    """Share of a plan's first builds that are cameras that meet all requirements which builds tell; None of none."""
+    told = [one for one in required if of_builds(one)]
+    if not told:
         return None
     builds, good = first_builds(plan, MANY)
+    holds = good.copy()
     with np.errstate(all="ignore"):  # of builds that are no cameras
-        values = of_cameras(plan.question.design, QUANTITIES[one.quantity], builds.camera, one.at_mm)
-    return Yield(int(np.broadcast_to(one.holds(values), good.shape)[good].sum()), int(good.sum()))
+        for one in told:
+            holds &= one.holds(of_cameras(plan.question.design, QUANTITIES[one.quantity], builds.camera, one.at_mm))
+    return Yield(int(holds.sum()), int(good.sum()))
 
 
 def is_limited(plan: TolerancePlan, final: Variant, one: Requirement) -> bool:

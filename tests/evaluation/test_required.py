@@ -215,6 +215,24 @@ def test_expanded_uncertainty_is_what_the_budget_prints():
     assert result.value("expanded_u_z_mm", at=20.0) == result.answer.at[1].expanded_mm
 
 
+def test_a_depth_that_full_pixels_exclude_beside_electrons_elsewhere_says_so():
+    """By hand: a source in the tip lights 10 mm (20/10)^2 times as much as 20 mm, at the same image fill."""
+    lit = {"light.illuminance": 1e5, "light.measured_at": 20.0, "light.exposure": "10 ms"}
+    design = asked("")
+    for well in (9000.0, 1e5):
+        wanted = design.replace({**lit, "sensor.full_well": well})
+        here = [float(roslf.quantity("pixel_electrons")(Camera.of(wanted), at)) for at in (10.0, 20.0)]
+        bright = wanted.replace({"light.exposure": 10.0 * well / here[1] * 0.6e-3})
+        required = {"u_z_mm": {"at": 10.0, "max": 0.5}, "pixel_electrons": {"at": 20.0, "min": 0.5 * well}}
+        depth, charge = roslf.evaluate(bright.replace({"required": required})).required
+        assert charge.met
+        assert not depth.met
+        least = well * here[1] / here[0]
+        assert f"with over {number(least, 4)} e- there pixels here are full" in depth.remedy
+        loose = {**required, "pixel_electrons": {"at": 20.0, "min": 0.9 * least}}
+        assert "expose less" in roslf.evaluate(bright.replace({"required": loose})).required[0].remedy
+
+
 def test_depth_that_is_required_says_what_it_counts_as_the_budget_has_it():
     text = 'u_z_mm = {at = "20 mm", max = "1 mm"}'
     bare = roslf.evaluate(asked(text))

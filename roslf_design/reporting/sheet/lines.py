@@ -55,7 +55,7 @@ from ...theory.stop_images import MicrolensImages
 from ...theory.tube import WIDTHS, unsaid_bore
 from ...tolerancing.metrics import of_cameras
 from ...tolerancing.places import short_name
-from ...tolerancing.result import MANY, is_limited, of_builds, share_that_meets
+from ...tolerancing.result import MANY, is_limited, of_builds, share_that_meets, share_that_meets_all
 from ...tolerancing.trials import first_builds, lengths_built
 from ...traced.fields import IdealImages
 from ...words import ROUNDING, clauses, listed, number
@@ -198,6 +198,16 @@ class BuildSpread(NamedTuple):
             bore = unsaid_bore(Camera.of(self.plan.question.design)) if one.quantity in WIDTHS else ""
             remedy = clauses(bore, more, remedy)
         return replace(one, counts=clauses(one.counts, words), only=only, remedy=remedy)
+
+    def meeting_all(self, required: Sequence[Requirement]) -> str:
+        """Sentence on the builds that meet all that is required of them together; empty where they tell nothing."""
+        share = share_that_meets_all(self.plan, required)
+        if share is None:
+            return ""
+        lacking = [one.label for one in required if not of_builds(one)]
+        without = f" (but {listed(lacking)}, which builds do not tell)" if lacking else ""
+        met = number(100 * share.value, 4)
+        return f"{met} % of {share.trials:,} builds meet all that is required{without}. "
 
     def uncounted(self, required: Sequence[Requirement]) -> str:
         """Sentences on what is required and no limit of the study holds, or holds with the builds' own values."""
@@ -640,9 +650,9 @@ def basis(
     if built is not None:
         share = 100 * built.final.result.value
         sentences.append(
-            f"Tolerances are two standard deviations over {built.plan.trials:,} Monte Carlo units (builds) of the "
-            f"study {built.plan.name}; yield {share:.2f} % (95 % interval {interval_words(built.final.result)} %; "
-            f"{limits_words(built.final)}). "
+            f"{built.meeting_all(required)}Tolerances are two standard deviations over {built.plan.trials:,} Monte "
+            f"Carlo units (builds) of the study {built.plan.name}; yield {share:.2f} % by its own limits (95 % "
+            f"interval {interval_words(built.final.result)} %; {limits_words(built.final)}). "
             + built.uncounted(required)
             + (f"{lost} Tolerances are of the others. " if (lost := impossible_words(built.final)) else "")
             + "Lines that the study does not "
