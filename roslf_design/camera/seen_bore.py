@@ -207,7 +207,8 @@ class SeenBore(Symbols[Number]):
     def rims(self) -> tuple[Rim, ...]:
         """Every opening but the FAP: main lens, further stops and elements, in the order of the design file."""
         lens = Rim("main lens", "main_lens", ClearAperture(self.D / 2), 0.0, 0.0)
-        stops = (self._rim(name, f"stops.{k}") for k, name in enumerate(self.chain.stops))
+        names = self.chain.stops
+        stops = (self._rim(names[k], f"stops.{k}") for k in range(len(names)))
         return (lens, *stops, *self._mapped_image, *(rim for part in self.in_bore for rim in self._faces(part)))
 
     @property

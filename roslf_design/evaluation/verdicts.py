@@ -399,7 +399,7 @@ def lit(answer: FirstAnswer) -> Verdict:
         return Verdict.of(name, f"the {answer.outermost} is dark", "see what cuts the images: the field's verdict")
     stops = f"{abs(math.log2(light)):.2g}"
     stops += " stop" if stops == "1" else " stops"
-    text = f"{share}, {stops} {'less' if light < 1 else 'more'}: {answer.light_words}"
+    text = f"{share}, {stops} {'darker' if light < 1 else 'brighter'}: {answer.light_words}"
     noise = f"; noise there counts {light**-0.5:.2g} times as much" if light < 1 else ""
     ways = answer.corner_evened_by or FLAT_FIELD
     if light < CUT * answer.corner_slant:

@@ -60,8 +60,8 @@ def test_a_darker_corner_is_told_with_its_stops():
     assert light == pytest.approx(result.answer.corner_slant, rel=1e-9)  # every image is whole
     (verdict,) = [verdict for verdict in result.verdicts if verdict.name == "corner_lit"]
     assert (verdict.ok, verdict.level) == (False, "limit")
-    assert f"{-math.log2(light):.2g} stops less" in verdict.text
-    assert ", 1 stop less: " in lit(replace(result.answer, corner_light=0.49)).text
+    assert f"{-math.log2(light):.2g} stops darker" in verdict.text
+    assert ", 1 stop darker: " in lit(replace(result.answer, corner_light=0.49)).text
     assert "no place of the exit pupil evens it" in verdict.remedy
 
 
@@ -141,7 +141,7 @@ def test_a_corner_lighter_than_the_middle_is_told_with_where_its_light_comes_fro
     assert corner.relative_illumination == pytest.approx(result.answer.corner_light, rel=1e-12)
     assert result.answer.corner_light > 2
     (verdict,) = [verdict for verdict in result.verdicts if verdict.name == "corner_lit"]
-    assert "stops more" in verdict.text
+    assert "stops brighter" in verdict.text
     assert "draws the scene smaller there" in verdict.text
     (words,) = (words for name, _, words in result.answer.rows if name == "light in the corner")
     assert "draws the scene smaller there" in words

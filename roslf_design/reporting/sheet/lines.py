@@ -349,7 +349,7 @@ def _lines(
         if not (centre or focal):
             continue
         what = "refocused" if row.image == "refocused" else "a view"
-        away = "beyond the lens's sight" if row.x0_mm is None else f"{number(row.x0_mm, 4)} mm off axis"
+        away = "outside the lens's field" if row.x0_mm is None else f"{number(row.x0_mm, 4)} mm off axis"
         if shown.outermost == RIM:  # edge and corner may lie as far out, where square microlenses tell detail otherwise
             away += ", along x" if row.x_ml_mm == sheet.field[1].x_ml_mm else ", towards the corner"
         aside = "axis" if centre else away

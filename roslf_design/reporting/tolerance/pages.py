@@ -218,7 +218,7 @@ def believed(result: StudyResult) -> str:
         return ""
     calibrated = ", and of a calibrated camera's depth the report's verdict, which counts lengths as calibrated"
     rest = f"Believe what is required{calibrated * of_depth}; the yield is by the study's own limits."
-    return f"Limited twice: {'; '.join(told)}. {rest}"
+    return f"Two limits on one figure: {'; '.join(told)}. {rest}"
 
 
 def depth_sentence(budget: DepthBudget | None, plan: TolerancePlan) -> str:
