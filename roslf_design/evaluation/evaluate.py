@@ -377,8 +377,9 @@ def evaluation_accuracy(
         method = f"closed forms and exact {'disc ' if design.sees_discs else ''}areas"
         known = f"every number of the model computed to ±{ROUNDING:.0e} of its value"
         model = "the model has an ideal lens: what the one that is bought adds is not in it" * (design.lens is None)
-        times = {"asked": asked, "seconds": seconds}
-        return Accuracy("every number", "of its value", method, ROUNDING, **times, model=model, known=known)
+        return Accuracy(
+            "every number", "of its value", method, ROUNDING, asked=asked, seconds=seconds, model=model, known=known
+        )
     rays = rays_for(asked)
     measured, by = None, ""
     if asked is not None:

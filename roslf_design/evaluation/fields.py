@@ -457,7 +457,7 @@ def _folded_beyond(design: Design, radius: float) -> float | None:
 
 
 def _folded(design: Design, radius: float) -> bool:
-    return real_field(design, [(radius, 0.0)]).images.status[0] == ImageFate.FOLDED
+    return bool(real_field(design, [(radius, 0.0)]).images.status[0] == ImageFate.FOLDED)
 
 
 def _traced_fields(design: Design, axes: Sequence[Place]) -> tuple[RealLensField, ...]:

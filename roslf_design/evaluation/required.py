@@ -308,7 +308,7 @@ def requirements(
             only = clauses(only, "by the thin-lens model alone", by=", ")
             remedy = clauses(remedy, f"no aberration of {lens.name} is in that: leave it a margin")
         numbers, words = (at, low, high, None if undefined else value), (counts, only, remedy)
-        there = (twin, field, caution, place, coverage)
+        there: tuple[Any, ...] = (twin, field, caution, place, coverage)
         told.append(Requirement(quantity.name, label, *numbers, quantity.unit, met, *words, *there))
     return tuple(_with_conflict(camera, one, told) for one in told)
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from .._arrays import Array
 from ..camera import Camera
@@ -271,13 +270,13 @@ class FieldImages:
         """Share of the way to each of the sensor's nearest sides, left, right, below and above, that gets light."""
         return self._lit(field_of_view.feet(light.sensor_field(self.images.camera)))
 
-    def _lit(self, ends: ArrayLike) -> Array:
+    def _lit(self, ends: Any) -> Array:
         """Share of the ways from the axis to places on the array that gets light, 1 of all; (N,)."""
         if self.design.main_lens.kind.mounted:
             return lit_share(self.design, ends)
         radius = min(float(end) for *_, end in lit_pairs(self.images.camera))
         away = np.hypot(*np.asarray(ends, float).T)
-        return np.minimum(1.0, max(radius, 0.0) / np.maximum(away, 1e-300))
+        return np.asarray(np.minimum(1.0, max(radius, 0.0) / np.maximum(away, 1e-300)))
 
     def round_end(self, name: str) -> str:
         """Words on what ends a round field before the sensor does; empty where nothing does."""

@@ -105,7 +105,11 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
 
 def unsaid_bore(c: Camera) -> str:
     """Words on openings that are just as wide as the tube leaves, so that builds' do not fit; empty of none."""
-    within = [part for part in housed(c) if part.aside is None and np.all(part.inside(c) & (part.clear == part.width))]
+    within = [
+        part
+        for part in housed(c)
+        if part.aside is None and np.all(np.logical_and(part.inside(c), np.equal(part.clear, part.width)))
+    ]
     names = [part.name for part in within if np.isclose(float(part.width), float(room(c)), rtol=1e-9, atol=0.0)]
     bores = {rim.name for rim in c.stop_openings if rim.part not in c.chain.bores}
     at = [the(name) for name in names if name in bores]

@@ -126,7 +126,8 @@ def lit_pairs(c: Camera) -> Iterator[tuple[Rim, Rim, Array]]:
     left = 2 * LIT * np.min(np.broadcast_arrays(*(outline.inradius for _, outline, *_ in seen)), axis=0)
     for (one, first, (x, y), way), (other, second, (u, v), way_2) in combinations(seen, 2):
         normals = [axis for outline in (first, second) if outline.straight for axis in outline.axes] or [(1.0, 0.0)]
-        apart = np.min([first.support(*axis) + second.support(*axis) for axis in normals], axis=0)
+        reach = (first.support(*axis) + second.support(*axis) for axis in normals)
+        apart = np.min(np.broadcast_arrays(*reach), axis=0)
         radius = ratio(apart - left - np.hypot(x - u, y - v), magnitude(way - way_2))
         yield one, other, np.where(np.isnan(radius), np.inf, radius)
 

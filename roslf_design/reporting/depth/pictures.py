@@ -71,8 +71,8 @@ def _depth_map(trial: Measurement, reasons: dict[int, str]) -> Picture:
     run = trial.first
     box, turn = _box(run)
     words, sphere = _Words.of(run), _sphere(trial)
-    depth = run.depth - words.tip
-    status, known, depth, sigma = (values[turn] for values in (run.status, run.measured, depth, run.sigma))
+    depth = (run.depth - words.tip)[turn]
+    status, known, sigma = run.status[turn], run.measured[turn], run.sigma[turn]
     across, up = Scale(*box[:2]), Scale(*box[2:])
     ratio = (up.high - up.low) / (across.high - across.low)
     down = ratio < TALL

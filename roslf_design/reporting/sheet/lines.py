@@ -317,10 +317,10 @@ def _lines(
     angles |= {f"tip_field_of_view_{part}deg": getattr(tip, way) for part, way in ways.items()}
     shares = zip(("width_", "height_", ""), shown.lit_angles, strict=True)
     lit_over = {f"field_of_view_{part}deg": angle for part, angle in shares}
-    for line in _whole_camera("Field of view", camera, angles):
-        dark = lit_over.get(line.quantity)
-        told = "" if dark is None else f"lit over {number(dark, 4)} deg, beyond that less than a third of its pencils"
-        yield line._replace(remark=clauses(told, line.remark))
+    for angle in _whole_camera("Field of view", camera, angles):
+        to = lit_over.get(angle.quantity)
+        ends = "" if to is None else f"lit over {number(to, 4)} deg, beyond that less than a third of its pencils"
+        yield angle._replace(remark=clauses(ends, angle.remark))
     near, far = sheet.depth_of_field_mm.view
     useful = math.nan if sheet.useful_to_mm is None else sheet.useful_to_mm
     within = WorkingRange(near, far, useful, budgets[None].lengths, full_within(camera))
