@@ -64,6 +64,9 @@ example of 50 mm in W. J. Smith, Modern Lens Design, p. 335."""
 FASTEST_LENS = 0.9
 """f-number below which hardly any lens with a field is sold: the fastest of the makers of camera lenses end at f/0.95
 (Leica Noctilux-M 50 mm, Voigtländer Nokton 25 mm), but for single ones of f/0.8; aspheres for one pencil are faster."""
+FASTEST_ZONE = 1.8
+"""f-number f/(2 h) of the zone in which a lens is met by the chief rays of the field's end, below which elements hardly
+image the pupil: an achromat of f/1.3 (AC254-030-A), traced behind an otoscope's FAP, loses chief rays from f/2.2 on."""
 FASTEST_ARRAY = 3.0
 """f-number f_ml/d, rounded down, of the fastest microlens array in the catalogue (SUSS 18-00079, NA 0.16: f/3.1)."""
 NEAR = 1e-2
@@ -112,15 +115,25 @@ def lens_speed(design: Design, camera: Camera) -> tuple[Verdict, ...]:
     tangent = (float(sensor_field(camera).radius) if rim is None else rim) / (speed * float(camera.D))
     beyond = tangent / speed / (math.tan(math.radians(WIDE / 2)) / FAST)
     unsold = speed < FASTEST_LENS * (1 - FEASIBLE)
-    if not isinstance(design.main_lens.kind, IdealMainLens) or not (unsold or beyond > 1):
+    height = float(judged_field(design).radius) * abs(float(camera.seen.inverse_m * camera.seen.d_3 / camera.seen.gap))
+    oblique = 2 * height * FASTEST_ZONE > float(camera.f) * (1 + FEASIBLE)
+    if not isinstance(design.main_lens.kind, IdealMainLens) or not (unsold or beyond > 1 or oblique):
         return ()
     idealised = f", and an idealisation: hardly any lens faster than f/{FASTEST_LENS:g} is sold" if unsold else ""
+    gauss, outer = f", {beyond:.3g} times the aperture by field of a double Gauss, f/{FAST:g} over {WIDE:g} degrees", ""
+    if not (unsold or beyond > 1):
+        gauss = ""
+    if oblique:
+        outer = (
+            f", and chief rays meet the lens {height:.3g} mm off its axis, {percent(2 * height / float(camera.D))} of "
+            f"its radius, where it is f/{float(camera.f) / (2 * height):.3g}"
+        )
     text = (
         f"ideal lens: f/{speed:.3g} over {2 * math.degrees(math.atan(tangent)):.3g} degrees as the lens's own middle "
-        f"sees the {'array' if rim is None else RIM} (the field of view is from the entrance pupil), "
-        f"{beyond:.3g} times the aperture by field of a double Gauss, f/{FAST:g} over {WIDE:g} "
-        f"degrees{idealised}; single pencils f/{float(pupil_f_number(camera)):.3g}; a lens of one or two elements can "
-        "take that in, but hardly sharp over the field: its aberrations are not in these figures"
+        f"sees the {'array' if rim is None else RIM} (the field of view is from the entrance pupil)"
+        f"{gauss}{idealised}{outer}; single pencils f/{float(pupil_f_number(camera)):.3g}; "
+        "a lens of one or two elements can take that in, but hardly sharp over the field: its aberrations are not in "
+        "these figures"
     )
     remedy = "`roslf evaluate` with a real lens (main_lens.prescription) before trusting resolution and depth"
     return (Verdict("lens_speed", False, "limit", text, remedy),)

@@ -366,6 +366,22 @@ def test_a_round_field_s_ideal_lens_is_judged_at_its_rim():
     assert f"{beyond:.3g} times the aperture" in told.text
 
 
+@pytest.mark.parametrize(("radius", "told"), [(4.27, True), (4.7, True), (4.25, False)])
+def test_an_ideal_lens_that_chief_rays_meet_far_off_its_axis_is_an_idealisation(radius, told):
+    """Similar triangles: a point 23 mm before the FAP, which stands 45 mm before a lens of f = 30 mm."""
+    lens = {"diameter": 22.86, "focal_length": 30.0, "focal_plane": 67.5}
+    changes = {"main_lens": lens, "microlens_array.distance": None, "aperture": {"diameter": 0.5, "distance": 45.0}}
+    limit = {"round_field_radius_mm": {"at": 23.0, "min": radius}}
+    design = roslf.load("paper").replace({**changes, "required": limit})
+    verdicts = lens_speed(design, Camera.of(design))
+    height = radius * 45.0 / 23.0
+    assert [one.name for one in verdicts] == ["lens_speed"] * told
+    assert told == (30.0 / (2 * height) < 1.8 * (1 + 1e-3))
+    for one in verdicts:
+        assert f"meet the lens {height:.3g} mm off its axis" in one.text
+        assert f"of its radius, where it is f/{30.0 / (2 * height):.3g}" in one.text
+
+
 def test_microlenses_faster_than_any_in_the_catalogue_say_so():
     arrays = load_catalogue([], shipped=True).microlens_arrays
     fastest = min(one.focal_length / one.pitch for one in arrays)
