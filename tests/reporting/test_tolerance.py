@@ -546,7 +546,8 @@ def test_what_the_study_limits_otherwise_than_the_design_is_told_once_with_the_o
     told = believed(result)
     assert told.startswith(
         f"Two limits on one figure: working distance, required at least 229.5 mm: {met:.4g} % of 600 builds meet it; "
-        f"the study's own limit, at least 229 mm: {held:.4g} % of builds; depth, expected, u_Z at 230 mm, required at most 1 mm: "
+        f"the study's own limit, at least 229 mm: {held:.4g} % of builds; "
+        "depth, expected, u_Z at 230 mm, required at most 1 mm: "
     )
     assert "with lengths that nobody calibrates, not met; the study's own limit, at most 40 mm: 100 % of builds" in told
     assert told.endswith("counts lengths as calibrated; the yield is by the study's own limits.")
