@@ -199,10 +199,10 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
     def plates(self) -> tuple[Placed[Cover], ...]:
         """Glass about the microlens array, where it stands: the sensor's cover, and the array's substrate."""
         array, sensor = -self.d_1, -self.d_1 - self.d_2
-        return tuple(Placed(place, at.name, at, *at.ends(array, sensor)) for place, at in self._plates.items())
+        return tuple(Placed(place, at.name, at, *at.ends(array, sensor)) for place, at in self.covers.items())
 
     @property
-    def _plates(self) -> dict[str, Cover]:
+    def covers(self) -> dict[str, Cover]:
         """Glass about the microlens array by place."""
         plates = {COVER: self.sensor.cover, SUBSTRATE: self.microlens_array.substrate}
         return {place: plate for place, plate in plates.items() if plate is not None}
@@ -213,7 +213,7 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
         elements, openings = ({at.place: at.part for at in placed} for placed in (self.in_bore, self.openings))
         medium = {"object_space": self.object_space} if elements else {}
         held = {"main_lens": self.main_lens, "microlens_array": self.microlens_array, "sensor": self.sensor}
-        return {**elements, **medium, **self._plates, **openings, **held}
+        return {**elements, **medium, **self.covers, **openings, **held}
 
     @property
     def glasses(self) -> Iterator[tuple[str, Glass]]:
@@ -236,8 +236,8 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
     def chain(self) -> Chain:
         """Elements before the main lens, and the plates about the array."""
         housing = 0.0 if self.environment is None else self.environment.expansion
-        before = tuple(place for place, plate in self._plates.items() if plate.before_lenslets)
-        behind = tuple(place for place in self._plates if place not in before)
+        before = tuple(place for place, plate in self.covers.items() if plate.before_lenslets)
+        behind = tuple(place for place in self.covers if place not in before)
         bores = tuple(opening.place for opening in self.openings if opening.part.bore)
         stops = tuple(stop.name for stop in self.openings[1:])
         imaged = self.aperture.behind is not None
@@ -249,7 +249,7 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
         numbers = {WAVELENGTH: self.wavelength}
         numbers |= {f"main_lens.decentre.{axis}": float(self.main_lens.decentre[axis]) for axis in (0, 1)}
         numbers |= {f"{at.place}.{key}": value for at in self.in_bore for key, value in at.part.numbers()}
-        numbers |= {f"{place}.thickness": float(plate.thickness) for place, plate in self._plates.items()}
+        numbers |= {f"{place}.thickness": float(plate.thickness) for place, plate in self.covers.items()}
         if self.environment is not None:
             numbers[TEMPERATURE] = float(self.environment.temperature)
         return numbers | {place: _index(glass, self.wavelength) for place, glass in self.materials.items()}

@@ -85,7 +85,7 @@ def about_names(design: Assembly) -> Iterator[Problem]:
     at = dict.fromkeys(
         ("main lens", "MLA", "sensor", "focal plane", "own cell", "neighbours"), "another line of tables"
     )
-    at |= {plate.name: plate.place for plate in design.plates}
+    at |= {cover.name: place for place, cover in design.covers.items()}
     for part in design.placed:
         if (other := at.setdefault(part.name, part.place)) != part.place:
             yield Problem(f"{part.place}.name", f'"{part.name}" is the name of {other}, too; give each its own')

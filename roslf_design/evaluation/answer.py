@@ -281,9 +281,9 @@ class FirstAnswer:
             useful = math.nan if self.useful_to_mm is None else self.useful_to_mm
             lengths = self.working_range_lengths or ""
             within = WorkingRange(*self.sharp_views_mm, useful, lengths, self.full_within_mm)
-            rows.append(
-                (within.label, within.value, clauses(within.remark, self.depth_light and f"with {self.depth_light}"))
-            )
+            varies = bool(self.depth_light) and 0 < self.full_within_mm < math.inf  # no even light
+            held_for = f"with {self.depth_light}" if varies else ""
+            rows.append((within.label, within.value, clauses(within.remark, held_for)))
         light = f"{number(100 * self.corner_light, 3)} %"
         more = "; the lens draws the scene smaller there" if self.corner_light > SMALLER else ""
         rows.append((f"light {self.outer_words}", light, f"of that in the middle of the field{more}"))

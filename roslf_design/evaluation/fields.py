@@ -439,7 +439,10 @@ def trace_lens(design: Design, axes: Sequence[Place], thin: Numbers) -> RealLens
 
 def _turned_bound(design: Design) -> float | None:
     try:
-        return measured_bound(design.replace({"main_lens.reversed": not design.main_lens.reversed}))[1]
+        turned = design.replace({"main_lens.reversed": not design.main_lens.reversed})
+        cut = measured_bound(turned)[1]
+        folded = _folded_beyond(turned, cut)
+        return cut if folded is None else folded
     except LensError:
         return None
 

@@ -355,7 +355,8 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None, answer: F
                 f"thin lens, Eq. 6: {lens.thin_x_ml_max_mm:.4g} mm)"
             )
         other = lens.turned_x_ml_max_mm
-        wider = other is not None and other > lens.x_ml_max_mm and lens.folded_beyond_mm is None
+        own = lens.x_ml_max_mm if lens.folded_beyond_mm is None else lens.folded_beyond_mm
+        wider = other is not None and other > own
         turned = f"the other way round the lens sees whole images out to {other:.4g} mm; " if wider else ""
         ways = "a better corrected or wider lens, a FAP closer to it or a smaller sensor helps"
         text = f"{CUT_IN_IT}: {bound}{where}; {sees}"
@@ -633,8 +634,8 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
             enough = roomy(camera) >= LARGEST_FILL * design.sensor.full_well * (1 - FEASIBLE)
             other = ", or none given," * (given and enough)
             ways = f"light.exposure of {number(1e3 * room * float(exposure(camera)), 3)} ms or less{other}"
-        part = "a small part exposed to its own mean, as in `roslf depth`, may lose less"
-        whole = f" (over the whole sensor, of detail of every size: {part})" * (design.depth.period is None)
+        part = "a part exposed to its own mean, as in `roslf depth`, may lose less"
+        whole = f" (over the whole sensor; {part})" * (design.depth.period is None)
         yield (
             f"{percent(full[0])} of the pixels saturate{cause}: about {percent(full[1])} of the field has no "
             f"depth, as the texture's bright places fill the well{whole}; {ways} leaves room"

@@ -255,21 +255,22 @@ def full_within(c: Camera) -> float:
 
     Of light as bright everywhere 0, or infinite where that is lost.
     """
-    from scipy.optimize import brentq
-
     cells, stated = _light_of_cells(c), c.numbers.get("light.measured_at")
+    lit = float(electrons(c, stated))
 
     def excess(level: float) -> float:
         """Share lost beyond that, by the logarithm of a fully lit pixel's electrons."""
         return _shares_full(c, math.exp(level) * cells)[1] - MOST_LOST
 
+    if stated is None:
+        return math.inf if lit > 0 and excess(math.log(lit)) > 0 else 0.0
     well = math.log(float(c["sensor.full_well"]))
     low, high = well - LEVELS, well + LEVELS
-    most = math.exp(brentq(excess, low, high)) if excess(low) < 0 else 0.0
-    lit = float(electrons(c, stated))
-    if stated is None:
-        return math.inf if lit > most else 0.0
-    return float(stated) * math.sqrt(lit / most) if most else math.inf
+    if not excess(high) > 0:  # no light gets there
+        return 0.0
+    from scipy.optimize import brentq
+
+    return float(stated) * math.sqrt(lit / math.exp(brentq(excess, low, high))) if excess(low) < 0 else math.inf
 
 
 def _light_of_cells(c: Camera) -> Array:

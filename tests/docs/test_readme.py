@@ -37,7 +37,7 @@ THINNER = (
     (r'(?m)^(goals = \["\w+", "\w+"), .*$', r"\1]"),
     (r"focal_length<=20 mm", "focal_length<=9 mm"),  # one lens, either way round
     (
-        r'(?m)^(kinds = \["microlens_arrays", "sensors"\])$',
+        r'(?m)^(kinds = \["microlens_arrays", "sensors"\])$(?:\nwhere.sensors = .*$)?',
         r'\1\nwhere.sensors = ["pixel>=3.3 um", "pixel<=3.5 um"]\n'
         r'where.microlens_arrays = ["pitch>=60 um", "pitch<=65 um"]',
     ),

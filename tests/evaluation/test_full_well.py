@@ -167,10 +167,11 @@ def test_the_light_that_depth_rests_on_is_told_with_how_it_goes_with_distance():
     for words in (told(scope, 10.0, 29.0), told(tip, 10.0, 40.0)):
         assert "of the light" not in words
     assert told(given, 1.0, 9.0) == ""
-    # The first screen has the same words beside its working range as the sheet.
-    for design in (scope, tip):
+    # The first screen has the same words beside its working range as the sheet, where light differs over it.
+    for design, differs in ((scope, False), (tip, True)):
         answer = roslf.evaluate(design).answer
         ((_, _, remark),) = (row for row in answer.rows if row[0].startswith("working range"))
-        assert remark.endswith(told(design, *answer.working_range_mm))
+        assert answer.depth_light == told(design, *answer.working_range_mm)
+        assert remark.endswith(answer.depth_light) is differs
         ms = number(1e3 * float(exposure(Camera.of(design))), 3)
-        assert f"in {ms} ms" in remark
+        assert f"in {ms} ms" in answer.depth_light

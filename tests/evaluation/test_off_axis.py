@@ -237,7 +237,12 @@ def test_images_that_a_lens_folds_before_a_rim_cuts_them_are_told_as_folded():
     assert result.real_lens.x_ml_max_mm > 1.2 * beyond
     (told,) = (one for one in result.verdicts if one.name == "field_undistorted")
     assert "folds them over" in told.text
-    assert told.remedy == "a better corrected or wider lens, a FAP closer to it or a smaller sensor helps"
+    other = result.real_lens.turned_x_ml_max_mm
+    assert told.remedy.startswith(f"the other way round the lens sees whole images out to {other:.4g} mm; a better ")
+    turned = roslf.evaluate(
+        design.replace({"main_lens.reversed": True}), fields=[(share * other, 0.0) for share in (0.5, 0.97, 1.03)]
+    )
+    assert [field.status == "full" for field in turned.real_lens.fields] == [True, True, False]
 
 
 def test_studies_hold_it_at_the_microlens_that_sees_it():
