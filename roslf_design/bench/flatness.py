@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import least_squares
 from scipy.special import ndtri
 
 from .._arrays import Array
+from ..depth.surface_fit import fitted
 
 ROUND = 0.4
 """Share by which spheres' sizes and spacing may be off what is calibrated: beyond, they are something else."""
@@ -63,7 +61,7 @@ class SurfaceFit(NamedTuple):
             return np.asarray((z - at[0] - at[1] * x - at[2] * y) / math.sqrt(1 + at[1] ** 2 + at[2] ** 2))
 
         start = np.linalg.lstsq(np.stack([np.ones(z.size), x, y], -1) / sigma[:, None], z / sigma, rcond=None)[0]
-        parameters, covariance, off = _fitted(distance, start, sigma, window)
+        parameters, covariance, off = fitted(distance, start, sigma, window, REJECTED)
         return cls(parameters, covariance, *_range(off, max(1.0, z.size / window)))
 
     @classmethod
@@ -78,7 +76,7 @@ class SurfaceFit(NamedTuple):
 
         start, own = np.asarray(centre, float), sigma
         for _ in range(2):
-            parameters, covariance, off = _fitted(distance, start, own, window)
+            parameters, covariance, off = fitted(distance, start, own, window, REJECTED)
             away = points - parameters
             steep = np.abs(away[:, 2]) / np.maximum(np.linalg.norm(away, axis=1), 1e-30)
             own, start = sigma * np.maximum(steep, 0.2), parameters
@@ -98,7 +96,7 @@ class SurfaceFit(NamedTuple):
             steep = np.sqrt(np.maximum(1 - square / radius**2, _STEEPEST))
             return np.asarray(z - at[2] - square / (1 + steep) * (1 / radius + at[3] / steep))
 
-        parameters, covariance, off = _fitted(distance, np.append(front, 0.0), sigma, window)
+        parameters, covariance, off = fitted(distance, np.append(front, 0.0), sigma, window, REJECTED)
         return cls(parameters, covariance, *_range(off, max(1.0, len(points) / window)))
 
 
@@ -116,30 +114,6 @@ def _range(off: Array, independent: float) -> tuple[float, float, float, float]:
     density = math.exp(-(float(ndtri(tail)) ** 2) / 2) / math.sqrt(2 * math.pi)
     sigma = rms * math.sqrt(2 * tail / independent) / density
     return float(nearest[-1] - nearest[0]), sigma, rms, rms / math.sqrt(2 * independent)
-
-
-def _fitted(
-    distance: Callable[[Array], Array], start: Array, sigma: Array, window: float
-) -> tuple[Array, Array, Array]:
-    """Parameters, their covariance, and distances from the surface; strays beyond three thousandths do not count.
-
-    Points that scatter more than their errors say, as a texture puts them off, widen the covariance (Birge).
-    """
-    used = np.ones(sigma.size, bool)
-    rates = np.zeros((0, 0))
-
-    def left(at: Array, some: NDArray[np.bool_]) -> Array:
-        return np.asarray(distance(at)[some] / sigma[some])
-
-    for _ in range(3):
-        fit = least_squares(left, start, args=(used,), method="lm")
-        start, rates = fit.x, np.asarray(fit.jac)
-        off = np.abs(distance(start)) / sigma
-        before, used = used, off <= np.quantile(off, 1 - REJECTED)
-        if (used == before).all():
-            break
-    wider = max(1.0, float(np.mean(off[used] ** 2)))
-    return start, np.asarray(np.linalg.pinv(rates.T @ rates) * window * wider, float), distance(start)
 
 
 class SphereSpacing(NamedTuple):

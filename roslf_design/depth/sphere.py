@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from .._arrays import Array
+from .surface_fit import fitted
 
 FEWEST = 4
 """Windows without common points that a sphere is fitted to, at least: it has as many unknowns."""
@@ -44,8 +44,6 @@ class SphereFit(NamedTuple):
         window : float
             Points that share a measurement, and err alike.
         """
-        from scipy.optimize import least_squares
-
         if len(points) < FEWEST * window:
             return None
         x, y, z = points.T
@@ -54,18 +52,15 @@ class SphereFit(NamedTuple):
         reach = max(float(np.hypot(x, y).max()), 1e-30)
 
         def off(scaled: Array) -> Array:
-            return np.asarray((z - _height(scaled / [1, reach, reach, reach**2], x, y)) / sigma)
+            return np.asarray(z - _height(scaled / [1, reach, reach, reach**2], x, y))
 
         columns = np.stack([np.ones_like(x), x / reach, y / reach, (x**2 + y**2) / (2 * reach**2)], -1)
         start = np.linalg.lstsq(columns / sigma[:, None], z / sigma, rcond=None)[0]
-        fit = least_squares(off, start, method="lm")
-        rates, left = np.asarray(fit.jac), np.asarray(fit.fun)
-        wider = max(1.0, float(np.mean(left**2)))  # points that scatter more than their errors say widen it (Birge)
-        covariance = np.linalg.pinv(rates.T @ rates) * window * wider
-        parameters = fit.x / [1, reach, reach, reach**2]
-        rms = float(np.sqrt(np.mean((left * sigma) ** 2)))
+        scaled, covariance, left = fitted(off, start, sigma, window)
+        parameters = scaled / [1, reach, reach, reach**2]
+        rms = float(np.sqrt(np.mean(left**2)))
         own = float(np.sqrt(covariance[3, 3])) / reach**2
-        return cls((mean_x, mean_y), parameters, own, rms, float((np.abs(left) < 1).mean()))
+        return cls((mean_x, mean_y), parameters, own, rms, float((np.abs(left) < sigma).mean()))
 
     @property
     def radius(self) -> float:
