@@ -419,6 +419,7 @@ def trace_lens(design: Design, axes: Sequence[Place], thin: Numbers) -> RealLens
     corners = on_array(thin_twin, judged_field(design).corners).tolist()
     fields = _traced_fields(design, axes)
     whole = all(field.status == "full" for field in (*fields, *_traced_fields(design, corners)))
+    folds = None if whole else _folded_beyond(design, x_ml)
     return RealLens(
         lens=camera.lens.name,
         focal_length_mm=constants.focal_length,
@@ -430,18 +431,19 @@ def trace_lens(design: Design, axes: Sequence[Place], thin: Numbers) -> RealLens
         x0_max_mm=x0,
         x_ml_max_mm=x_ml,
         thin_x_ml_max_mm=thin.x_ml_max_mm,
-        turned_x_ml_max_mm=None if whole else _turned_bound(design),
+        turned_x_ml_max_mm=None if whole else _turned_bound(design, x_ml if folds is None else folds),
         undistorted_in_field=whole,
-        folded_beyond_mm=None if whole else _folded_beyond(design, x_ml),
+        folded_beyond_mm=folds,
         fields=fields,
     )
 
 
-def _turned_bound(design: Design) -> float | None:
+def _turned_bound(design: Design, own: float) -> float | None:
+    """Radius of whole images the other way round; folds are looked for where nothing cuts them as far as now, `own`."""
     try:
         turned = design.replace({"main_lens.reversed": not design.main_lens.reversed})
         cut = measured_bound(turned)[1]
-        folded = _folded_beyond(turned, cut)
+        folded = _folded_beyond(turned, cut) if cut > own else None
         return cut if folded is None else folded
     except LensError:
         return None

@@ -36,7 +36,7 @@ from ..theory.quantities import QUANTITIES
 from ..theory.quantity import Quantity, Way
 from ..theory.resolution import Direction
 from ..theory.stop_images import MicrolensImages
-from ..theory.vignetting import lit_pairs
+from ..theory.vignetting import lit_pairs, lit_radius
 from ..traced.fields import DesignImages, IdealImages, images_of
 from ..traced.images import measured_bound
 from ..words import clauses, number, the
@@ -274,7 +274,7 @@ class FieldImages:
         """Share of the ways from the axis to places on the array that gets light, 1 of all; (N,)."""
         if self.design.main_lens.kind.mounted:
             return lit_share(self.design, ends)
-        radius = min(float(end) for *_, end in lit_pairs(self.images.camera))
+        radius = float(lit_radius(self.images.camera))
         away = np.hypot(*np.asarray(ends, float).T)
         return np.asarray(np.minimum(1.0, max(radius, 0.0) / np.maximum(away, 1e-300)))
 

@@ -118,7 +118,7 @@ def lit_pairs(c: Camera) -> Iterator[tuple[Rim, Rim, Array]]:
     """
     d_3, gap = floats(c.seen.d_3, c.seen.gap)
     seen = []
-    for rim in filter(lambda rim: not rim.leans, (c.fap, *c.rims)):
+    for rim in filter(lambda rim: not rim.leans, c.openings):
         # On the FAP's plane, from the axis' point on the focal plane; and how far that goes per way on the array.
         between = c.seen.d_f - rim.distance
         scale, way = ratio(gap, between), product(ratio(d_3 - rim.distance, between), c.seen.inverse_m)
@@ -132,9 +132,14 @@ def lit_pairs(c: Camera) -> Iterator[tuple[Rim, Rim, Array]]:
         yield one, other, np.where(np.isnan(radius), np.inf, radius)
 
 
+def lit_radius(c: Camera) -> Array:
+    """Radius on the array within which a field counts as lit [mm]; below 0 where none does."""
+    return np.asarray(np.min(np.broadcast_arrays(*(radius for *_, radius in lit_pairs(c))), axis=0))
+
+
 def lit_field(c: Camera, field: SensorField) -> SensorField:
     """Part of a part of the array within the circle that light reaches."""
-    radius = np.min(np.broadcast_arrays(*(radius for *_, radius in lit_pairs(c))), axis=0)
+    radius = lit_radius(c)
     (left, below), (right, above) = field
     return SensorField(
         (np.maximum(left, -radius), np.maximum(below, -radius)), (np.minimum(right, radius), np.minimum(above, radius))
