@@ -26,13 +26,13 @@ from .depth.from_files import CaptureOptions, captured
 from .depth.measure import Trial, simulate
 from .depth.pictures import PictureOptions
 from .design import Design
+from .distances import Distance, check_distances
 from .drawing.picture import Picture
 from .errors import expect, path_of
 from .imaging.render import RawImage
 from .imaging.render import render as render_image
 from .optimization.study import Result, load_study
 from .optimization.study import run as run_study
-from .options import Distance, check_distances, check_seed
 from .progress import silent
 from .reporting.blocks import Code, Report
 from .reporting.calibrate.pages import calibration_pictures, calibration_report
@@ -45,6 +45,7 @@ from .reporting.sheet.lines import NONE, check_revision, datasheet_report
 from .reporting.story import calibration_of, datasheet_of, sheet_of
 from .reporting.tolerance.pages import tolerance_report
 from .scenes import Scene, load_scene
+from .seeds import check_seed
 from .theory.limits import as_design
 from .theory.quantities import quantity_named
 from .theory.quantity import Quantity

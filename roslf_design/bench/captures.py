@@ -15,7 +15,7 @@ from ..calibration.frames import SUFFIXES
 from ..calibration.model import Board, Markers
 from ..design import Design
 from ..errors import InputError, Problem
-from ..options import Seed
+from ..seeds import Seed
 from ..theory.limits import as_design
 from ..toml_files import StrictTable, read_toml, validated
 from ..units import Angle, AnyLength, Length

@@ -13,7 +13,8 @@ from pydantic import BeforeValidator, Field, StrictBool, field_validator, model_
 from ..design import Design
 from ..errors import InputError, refusal
 from ..evaluation.required import required_distances
-from ..options import Options, Seed
+from ..options import Options
+from ..seeds import Seed
 from ..theory.focused import refuse_focused
 from ..theory.length_covariance import CalibratedLengths
 from ..tolerancing.places import nominal_values, parse_tolerance, perturbable

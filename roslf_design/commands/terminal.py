@@ -22,9 +22,10 @@ from cyclopts import Parameter
 
 from .._jit import is_compiling
 from ..design.files import in_the_way, write_atomically
+from ..distances import check_distances
 from ..drawing.typeset import PNG_MARK
 from ..errors import OTHER_PLACE, Argument, InputError, Problem, printable, refusal
-from ..options import check_distances, check_seed
+from ..seeds import check_seed
 from ..words import about_time
 
 Flag = Annotated[bool, Parameter(negative=())]

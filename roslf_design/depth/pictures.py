@@ -34,9 +34,10 @@ from ..imaging.sampling import (
     samples_along,
 )
 from ..imaging.surfaces import seen_distances
-from ..options import Options, Seed
+from ..options import Options
 from ..scenes import Noise, Plane, Scene
 from ..scenes.scene import chief_ray_limits
+from ..seeds import Seed
 from ..shapes.lattice import PACKINGS
 from ..theory.photometry import electrons
 from ..theory.quantities import QUANTITIES

@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 
 from ..bore.mapping import angle_map
+from ..distances import Distance, check_distances
 from ..lenses.angles import F_TAN
-from ..options import Distance, check_distances
 from ..theory import tube
 from ..theory.depth_budget import COVERAGE, FULL, OVERLAP, DepthBudget, depth_budget
 from ..theory.depth_error import temperatures_met

@@ -21,11 +21,11 @@ from ..camera import Camera
 from ..design import Design
 from ..design.growth import not_known, not_named
 from ..design.parts import PATHS
+from ..distances import Distance
 from ..effects.plan import plan
 from ..errors import refusal
 from ..lenses.glass import AIR, ROOM
 from ..lenses.material import material_label
-from ..options import Distance
 from ..theory import exit_pupil
 from ..theory.depth_budget import COVERAGE, DepthBudget, depth_budget
 from ..theory.depth_error import depth_error, errors_at_fields

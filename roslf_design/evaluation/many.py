@@ -12,8 +12,8 @@ import numpy as np
 
 from ..camera import Camera
 from ..design import Design
+from ..distances import Distance, one_distance
 from ..errors import expect, refusal
-from ..options import Distance, one_distance
 from ..theory.focused import FocusedArray
 from ..theory.limits import as_design
 from ..theory.quantities import quantities_of_cameras, thin_lens_note

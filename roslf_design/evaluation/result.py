@@ -11,11 +11,11 @@ from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from ..distances import Distance, check_distances
 from ..effects.effect import UNIT_WORDS
 from ..effects.lens import EFFECTS
 from ..effects.plan import PlannedEffect
 from ..json_data import plain
-from ..options import Distance, check_distances
 from ..tables import Table, plain_text, print_table
 from ..theory.depth_budget import COVERAGE, KINDS, BudgetTerm, DepthBudget
 from ..theory.focused import FocusedArray

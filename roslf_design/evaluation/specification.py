@@ -16,10 +16,10 @@ from ..camera import Camera
 from ..design import Design
 from ..design.parts import Light
 from ..design.required import ROUND_ANGLE, ROUND_RADIUS, Required
+from ..distances import Distance, check_distances
 from ..errors import InputError, Problem
 from ..fates import ImageFate
 from ..json_data import plain
-from ..options import Distance, check_distances
 from ..progress import UNHEARD, Share
 from ..shapes.lattice import PACKINGS
 from ..tables import BriefValue

@@ -17,8 +17,8 @@ from .._arrays import Array
 from ..bore.conjugates import follower
 from ..camera import Camera
 from ..design import PATHS, Design
+from ..distances import Distance, one_distance
 from ..errors import expect
-from ..options import Distance, one_distance
 from ..theory.focused import refuse_focused
 from ..theory.limits import as_design
 from ..theory.quantities import QUANTITIES, quantities_of_cameras, thin_lens_note

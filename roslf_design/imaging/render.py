@@ -18,9 +18,9 @@ from ..design import Design
 from ..effects import Budget, Plan, plan
 from ..effects.geometry import mapped_blur
 from ..errors import InputError, Problem, refusal
-from ..options import check_seed
 from ..progress import part_of
 from ..scenes import WHITE_FIELD, Scene, White
+from ..seeds import check_seed
 from ..tables import BriefValue
 from ..theory.colours import BRIGHTEST, FILTERS, ColourFilter, filters, mosaic, per_watt
 from ..theory.light import chief_spread, falloff, outer_slope

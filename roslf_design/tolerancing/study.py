@@ -42,7 +42,8 @@ from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..evaluation.fields import FIELD_NAMES, MOST_FIELDS, unseen
 from ..evaluation.required import limits_for_study, studied
-from ..options import Options, Seed, up_to
+from ..options import Options, up_to
+from ..seeds import Seed
 from ..sobol import BITS
 from ..theory.focused import focus_faults
 from ..theory.quantities import NO_LENS_MOVES
