@@ -242,6 +242,8 @@ class Chain:
     """Places of the openings that are the tube's own bore."""
     stops: tuple[str, ...] = ()
     """Names of the further stops."""
+    fitted: tuple[str, ...] = ()
+    """Places of the stops that are as wide as the tube leaves them."""
 
     @property
     def in_air(self) -> bool:

@@ -6,6 +6,7 @@ refused here: a camera that cannot be built keeps its numbers, and `Camera.valid
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -21,12 +22,12 @@ from ..bore.opening import ClearAperture
 from ..bore.part import TEMPERATURE, Colours, Layout, Number
 from ..design import Design, DesignError, Problem
 from ..design.growth import Growth
-from ..design.parts import BEHIND, PATHS
+from ..design.parts import BEHIND, PATHS, widening
 from ..design.required import ROUND_ANGLE, ROUND_RADIUS, Required
 from ..errors import expect
 from ..lenses.glass import ROOM
 from ..toml_files import nearest
-from .numbers import TEMPERATURES, TYPES, numbers_of, possible
+from .numbers import TEMPERATURES, TIP, TYPES, numbers_of, possible
 from .poses import PosedParts
 
 if TYPE_CHECKING:
@@ -158,12 +159,27 @@ class Camera(PosedParts):
         if TEMPERATURE in given and coldest in numbers and not given.keys() & {coldest, warmest}:  # asked at it alone
             numbers.setdefault(known, _number((numbers[coldest] + numbers[warmest]) / 2))
             numbers |= dict.fromkeys((coldest, warmest), numbers[TEMPERATURE])
+        numbers |= {place: width for place, width in self._as_tube(numbers).items() if place not in given}
         camera, key = self._with(numbers), follower(given)
         if key is not None:  # no way through the bore hangs on d_f, which is no more than where the camera looks
             numbers[key] = self.chain.followed(numbers, key, camera._walk if key == PATHS["d_f"] else None)
         if in_focus:
             numbers[PATHS["f_ml"]] = camera.seen.d_2 / (1 + camera.seen.d_2 * camera.seen.vergence)
         return camera
+
+    def _as_tube(self, numbers: Mapping[str, Number]) -> dict[str, Number]:
+        """Diameters, by place, of the rims that are as wide as a tube leaves them; see `Housing.room`."""
+        if not self.chain.fitted:
+            return {}
+        outer, tip = numbers["tube.outer_diameter"], self.chain.end(numbers)
+        for place in (TIP, PATHS["d_3"], *(f"stops.{k}.distance" for k in range(len(self.chain.stops)))):
+            tip = np.maximum(tip, numbers[place])
+        inside = outer - 2 * (numbers["tube.wall"] + numbers.get("tube.light_guide", 0.0))
+        wide, length = numbers.get("tube.proximal_diameter", outer), numbers.get("tube.length", math.inf)
+        return {
+            f"{rim}.diameter": _number(inside + widening(outer, wide, length, tip - numbers[f"{rim}.distance"]))
+            for rim in self.chain.fitted
+        }
 
     def _widened(self, given: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
         """Numbers with D_F as the lengths of a FAP that is no disc: all grow alike."""

@@ -61,7 +61,7 @@ def numbers_of(design: Design) -> dict[str, Number]:
     places += PHOTOMETRIC
     places += [place for place in OPTIONAL if at(design, place) is not None]
     if design.tube is not None:
-        known = ("outer_diameter", "wall", "light_guide", "length")
+        known = ("outer_diameter", "proximal_diameter", "wall", "light_guide", "length")
         places += [f"tube.{name}" for name in known if getattr(design.tube, name) is not None]
     if design.environment is not None:
         places.append(TEMPERATURE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
 from typing import Annotated, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
@@ -34,6 +35,8 @@ from .parts import (
 )
 from .required import Requirements
 
+OF_TUBE = re.compile(r"stops\.(\d+)\.diameter")
+"""Places of widths that a tube may give."""
 GIVEN = frozenset({FOCAL, PATHS["D"]})
 """Places of which the main lens may have numbers of its own."""
 Standing = TypeVar("Standing")
@@ -121,6 +124,18 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
             raise ValueError(fault)
         return pupil
 
+    @property
+    def tip(self) -> float:
+        """Distance of the bore's outer end from the main lens by a ruler [mm]."""
+        ends = [self.aperture.stands, *(stop.stands for stop in self.stops), *(at.far for at in self.in_bore)]
+        return max(float(self.main_lens.kind.front), *map(float, ends))
+
+    def _of_tube(self, rim: Stop) -> Stop:
+        """A rim, as wide as the tube leaves it where it states no width of its own."""
+        if self.tube is None or rim.diameter is not None or rim.sides is not None:
+            return rim
+        return rim.model_copy(update={"diameter": self.tube.room(self.tip - rim.stands)})
+
     def __getitem__(self, place: str) -> float:
         """The number at a dotted place [mm, rad]; of f, d_f, d_1 and D also what others give."""
         own, wavelength = at(self, place), self.light.wavelength
@@ -128,6 +143,8 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
             own = self.aperture.stands
         if place == PATHS["f_ml"]:
             own = self.microlens_array.types[0]
+        if own is None and (rim := OF_TUBE.fullmatch(place)):
+            own = self.all_stops[1 + int(rim[1])].diameter
         if place in GIVEN:
             own = self.main_lens.kind.given(place, own, wavelength)
         # Where all three are given, f and d_1 are the hardware.
@@ -173,7 +190,7 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
     @property
     def openings(self) -> tuple[Placed[Opening], ...]:
         """The FAP and the further stops, where they stand."""
-        further = ((f"stops.{k}", stop.called(k + 1), stop) for k, stop in enumerate(self.stops))
+        further = ((f"stops.{k}", stop.called(k + 1), stop) for k, stop in enumerate(self.all_stops[1:]))
         named = (("aperture", "FAP", self.aperture), *further)
         return tuple(Placed(*each, each[-1].stands, each[-1].stands) for each in named)
 
@@ -191,9 +208,9 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
         return (*self.openings, *self.in_bore)
 
     @property
-    def all_stops(self) -> tuple[Opening, ...]:
+    def all_stops(self) -> tuple[Pupil, *tuple[Stop, ...]]:
         """The FAP, then the further stops; the main lens is not among them."""
-        return (self.aperture, *self.stops)
+        return (self.aperture, *map(self._of_tube, self.stops))
 
     @property
     def plates(self) -> tuple[Placed[Cover], ...]:
@@ -240,8 +257,9 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
         behind = tuple(place for place in self.covers if place not in before)
         bores = tuple(opening.place for opening in self.openings if opening.part.bore)
         stops = tuple(stop.name for stop in self.openings[1:])
+        fitted = tuple(f"stops.{k}" for k, stop in enumerate(self.stops) if stop.diameter is None and not stop.sides)
         imaged = self.aperture.behind is not None
-        return Chain(self.elements, housing, before, behind, imaged, self.main_lens.sheet, bores, stops)
+        return Chain(self.elements, housing, before, behind, imaged, self.main_lens.sheet, bores, stops, fitted)
 
     @property
     def bore_numbers(self) -> dict[str, float]:

@@ -18,12 +18,16 @@ def about_shapes(design: Assembly) -> Iterator[Problem]:
     followed = not design.elements or design.thin_twin is design
     for k, stop in enumerate(design.all_stops):
         place, across = f"stops.{k - 1}" if k else "aperture", 2 * float(stop.outline.reach)
-        if stop.bore and design.tube is not None and across > design.tube.room * (1 + 1e-9):
-            message = (
-                f"the tube's own bore is {shown(design.tube.room)} wide by its outer_diameter and wall, and this rim "
-                f"{shown(across)}; make it no wider, or drop its bore = true"
-            )
-            yield Problem(f"{place}.bore", message)
+        if stop.bore and math.isnan(across):
+            yield Problem(f"{place}.diameter", "is missing; give it, or the [tube] whose own bore this rim is")
+        elif stop.bore and design.tube is not None:
+            room = design.tube.room(design.tip - stop.stands)
+            if across > room * (1 + 1e-9):
+                message = (
+                    f"the tube's own bore is {shown(room)} wide by its outer_diameter and wall, and this rim "
+                    f"{shown(across)}; make it no wider, or drop its bore = true"
+                )
+                yield Problem(f"{place}.bore", message)
         if stop.outline.straight and not followed:
             message = (
                 f'"{stop.shape}" is followed behind a real main lens through air only, and elements.0 '

@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar
 
+import numpy as np
 from pydantic import Field, StrictBool, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
@@ -129,10 +130,16 @@ Shape = Literal["circle", "rectangle"]
 class Opening(OpticalPart):
     """A clear opening of some shape."""
 
+    OF_TUBE: ClassVar = False
+    """Whether a tube may say how wide it is."""
+
     shape: Shape = "circle"
     """Shape of the opening."""
+    bore: StrictBool = False
+    """Whether it is the bore of `[tube]` itself: its misses move the wall, and it needs no room in the tube."""
     diameter: Length | None = Field(default=None, validate_default=True)
-    """Diameter of a circle, D_F of the FAP [mm]; None of a rectangle."""
+    """Diameter of a circle, D_F of the FAP [mm]; None of a rectangle, and of a stop that is the tube's bore as wide as
+    `[tube]` leaves it there."""
     sides: Size | None = Field(default=None, validate_default=True)
     """Sides of a rectangle [mm]; None of a circle."""
     turn: Angle = 0.0
@@ -146,6 +153,8 @@ class Opening(OpticalPart):
             return value
         own = info.field_name == ("diameter" if shape == "circle" else "sides")
         if own and value is None:
+            if cls.OF_TUBE and shape == "circle" and info.data.get("bore"):
+                return None  # the tube tells it
             raise PydanticCustomError("missing", "Field required")
         if own or value is None:
             return value
@@ -164,8 +173,6 @@ class Opening(OpticalPart):
     """Offset from the axis [mm]."""
     tilt: Tilt = (0.0, 0.0)
     """[rad]."""
-    bore: StrictBool = False
-    """Whether it is the bore of `[tube]` itself: its misses move the wall, and it needs no room in the tube."""
 
     @property
     def number_keys(self) -> tuple[str, ...]:
@@ -187,6 +194,8 @@ class Opening(OpticalPart):
 
 class Stop(Opening):
     """An opening in object space: a further rim of the bore."""
+
+    OF_TUBE: ClassVar = True
 
     distance: Distance
     """Distance in front of the main lens [mm]; 0 is at the lens."""
@@ -437,26 +446,43 @@ class Sensor(OpticalPart):
     """Offset from the axis [mm], as seen at the MLA's image plane."""
 
 
+def widening(tip: Number, wide_end: Number, length: Number, behind: Number) -> Number:
+    """How much wider a cone is so far `behind` its tip than there [mm]; as wide as its end from there on."""
+    wider: Number = (wide_end - tip) * np.clip(np.divide(behind, length), 0.0, 1.0)
+    return wider
+
+
 class Housing(Part):
     """The tube that a scope is built into, from its tip backwards."""
 
     outer_diameter: Length
-    """[mm]."""
+    """[mm]; of a cone at its tip."""
+    proximal_diameter: Length | None = None
+    """Outer diameter of a cone where it ends, `length` behind the tip, to which it widens evenly, as a speculum [mm];
+    None of a straight tube."""
     wall: Length
-    """Thickness of its wall [mm]."""
+    """Thickness of its wall, across the axis [mm]."""
     light_guide: Length | None = None
     """Thickness of a ring of light fibres within the wall [mm]; None where the file says nothing of light."""
     length: Length | None = None
     """Length from the tip [mm]; what lies farther back need not fit inside. None: everything must."""
 
-    @property
-    def room(self) -> float:
-        """Diameter of the room inside [mm]."""
-        return self.outer_diameter - 2 * (self.wall + (self.light_guide or 0.0))
+    def room(self, behind: float) -> float:
+        """Diameter of the room inside, so far `behind` the tip [mm]."""
+        inside = self.outer_diameter - 2 * (self.wall + (self.light_guide or 0.0))
+        if self.proximal_diameter is None or self.length is None:
+            return inside
+        return inside + float(widening(self.outer_diameter, self.proximal_diameter, self.length, behind))
 
     @model_validator(mode="after")
     def _hollow(self) -> Housing:
-        if self.room <= 0:
+        if self.proximal_diameter is not None and self.length is None:
+            raise ValueError("proximal_diameter is where a cone ends; give its length from the tip, or drop it")
+        if self.proximal_diameter is not None and self.proximal_diameter < self.outer_diameter:
+            raise ValueError(
+                "proximal_diameter is the wide end and below outer_diameter, which is the tip's; swap them"
+            )
+        if self.room(0.0) <= 0:
             what = "the wall is" if self.light_guide is None else "wall and light_guide are"
             raise ValueError(f"{what} half the outer diameter or more, which leaves no room; make it thinner")
         return self

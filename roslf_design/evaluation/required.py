@@ -565,7 +565,7 @@ def _culprit(quantity: Quantity, camera: Camera, have: float, low: float | None)
     """Remedy of a missed limit by what it hangs on, where that is known; `have` is the value, or the detail sampled."""
     if quantity.name in tube.WIDTHS and (low is None or have >= low):
         parts = [part for part in tube.housed(camera) if quantity.name == tube.WHOLE or part.inside(camera)]
-        widest = max(parts, key=lambda part: float(part.across))
+        widest = max(parts, key=lambda part: float(part.across + tube.slack(camera, part.place)))
         return f"the widest is {the(widest.name)}, {widest.sizes(camera)}"
     if low is None or not 0 < have < low:
         return ""
@@ -582,8 +582,12 @@ def _culprit(quantity: Quantity, camera: Camera, have: float, low: float | None)
 
 def _beyond_tube(quantity: Quantity, camera: Camera, wider: float) -> str:
     """Words on a sensor so many times as wide that does not fit the tube; empty where it does, or stands elsewhere."""
-    room = float(tube.room(camera))
-    within = [part.name for part in tube.housed(camera) if part.aside is None and part.inside(camera)]
+    within = {
+        part.name: float(tube.room(camera, part.place))
+        for part in tube.housed(camera)
+        if part.aside is None and part.inside(camera)
+    }
+    room = within.get("sensor", math.inf)
     sides = [float(camera.cold.numbers[f"sensor.size.{axis}"]) for axis in (0, 1)]
     least = wider * min(sides)
     if quantity.name == ROUND_ANGLE:
@@ -592,7 +596,7 @@ def _beyond_tube(quantity: Quantity, camera: Camera, wider: float) -> str:
         one = {"field_of_view_width_deg": 0, "field_of_view_height_deg": 1}.get(quantity.name)
         grown = [side * (wider if one in (None, axis) else 1.0) for axis, side in enumerate(sides)]
     across = math.hypot(*grown)
-    if "sensor" not in within or across <= room * (1 + FEASIBLE):
+    if across <= room * (1 + FEASIBLE):
         return ""
     return f" (too wide for [tube]: {number(across, 3)} mm across its corners, of {number(room, 3)} mm that it leaves)"
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -424,30 +423,41 @@ def lit(answer: FirstAnswer) -> Verdict:
 
 
 def _fits(camera: Camera) -> Verdict:
-    outer, wall, room = float(camera.cold[tube.OUTER]), float(tube.shell(camera)), float(tube.room(camera))
-    within = [(part, float(part.needs(camera))) for part in tube.housed(camera) if part.inside(camera)]
-    wide = [(part, needed) for part, needed in within if needed > room * (1 + FEASIBLE)]
+    outer, wall = float(camera.cold[tube.OUTER]), float(tube.shell(camera))
+    within = [
+        (part, float(part.needs(camera)), float(tube.room(camera, part.place)))
+        for part in tube.housed(camera)
+        if part.inside(camera)
+    ]
+    wide = [(part, needed - room) for part, needed, room in within if needed > room * (1 + FEASIBLE)]
     walls = "a wall with its light guide" if tube.GUIDE in camera.numbers else "a wall"
-    holds = f"{outer:.4g} mm outside and {walls} of {wall:.4g} mm leave {room:.4g} mm"
+    cone = tube.PROXIMAL in camera.numbers
+    ends = [outer, float(tube.widest(camera))] if cone else [outer]
+    across, left = (" to ".join(f"{end - less:.4g}" for end in ends) for less in (0.0, 2 * wall))
+    holds = f"{across} mm outside and {walls} of {wall:.4g} mm leave {left} mm"
     uncounted = f" ({tube.uncounted(camera)})" if tube.uncounted(camera) else ""
     if not wide:
-        (widest, _), unjudged = max(within, key=itemgetter(1)), tube.unjudged(camera)
-        text = f"{holds}; widest is {the(widest.name)}, {widest.sizes(camera)}{uncounted}"
+        (widest, _, room), unjudged = min(within, key=lambda one: one[2] - one[1]), tube.unjudged(camera)
+        there = f" where it leaves {room:.4g} mm" * cone
+        extreme = f"{'tightest' if cone else 'widest'} is {the(widest.name)}, {widest.sizes(camera)}{there}"
+        text = f"{holds}; {extreme}{uncounted}{tube.unsaid_wall(camera)}"
         if unjudged:
             text = f"fits inside the tube, but {unjudged}; {text}"
             return Verdict("fits_tube", False, "limit", text, "look at its drawing")
         return Verdict.of("fits_tube", f"fits inside the tube: {text}")
     parts = [
-        f"{part.name} of {part.sizes(camera)} is {needed - room:.4g} mm too wide"
+        f"{part.name} of {part.sizes(camera)} is {over:.4g} mm too wide"
         if part.aside is None
-        else f"{part.name} lies {part.sizes(camera)}, of {outer / 2:.4g} mm"
-        for part, needed in wide
+        else f"{part.name} lies {part.sizes(camera)}, of {float(tube.room(camera, part.place)) / 2 + wall:.4g} mm"
+        for part, over in wide
     ]
     text = f"does not fit inside the tube: {listed(parts)}; {holds}{uncounted}"
-    wider = f"a tube of {on_side(max(needed for _, needed in wide) + 2 * wall, True, 4)} mm outside"
+    more = max(over for _, over in wide)
+    wider = f"a tube of {' to '.join(on_side(end + more, True, 4) for end in ends)} mm outside"
     ways = f"smaller ones, or {wider}"
     seen = [2 * (float(half) + float(camera.d)) for half in sensor_field(camera).half]
-    if "microlens array" in [part.name for part, _ in wide] and math.hypot(*seen) <= room:
+    rooms = {part.name: room for part, _, room in within}
+    if "microlens array" in [part.name for part, _ in wide] and math.hypot(*seen) <= rooms["microlens array"]:
         sides = ", ".join(f'"{on_side(side, True, 3)} mm"' for side in seen)
         ways = f"an array diced to all that the sensor sees, microlens_array.size = [{sides}], or {wider}"
         ways = f"smaller ones, {ways}" if wide[1:] else ways
@@ -462,11 +472,13 @@ def _field_remedy(camera: Camera, field: Numbers) -> str:
     for cut in field.cut_by:
         name = cut["rim"].partition(",")[0]  # of either face of an element
         grow[name] = max(grow.get(name, 0.0), 2 * abs(cut["clearance_mm"]))
-    parts, room = [part for part in tube.housed(camera) if part.inside(camera)], tube.room(camera)
-    if tight := [part for part in parts if part.clear + grow.get(part.name, -math.inf) > room]:
-        sizes = listed([f"{the(part.name)} {float(part.clear + grow[part.name]):.4g} mm" for part in tight])
+    rooms = [(part, float(tube.room(camera, part.place))) for part in tube.housed(camera) if part.inside(camera)]
+    if tight := [(part, room) for part, room in rooms if part.clear + grow.get(part.name, -math.inf) > room]:
+        sizes = listed([f"{the(part.name)} {float(part.clear + grow[part.name]):.4g} mm" for part, _ in tight])
+        left = " and ".join(dict.fromkeys(f"{room:.4g}" for _, room in tight))
+        there = " there" * (tube.PROXIMAL in camera.numbers)
         return (
-            f"the whole field takes {sizes} wide, and the tube leaves {float(room):.4g} mm: {others}, or a wider tube, "
+            f"the whole field takes {sizes} wide, and the tube leaves {left} mm{there}: {others}, or a wider tube, "
             "frees the field"
         )
     if [*grow] == ["main lens"]:

@@ -13,16 +13,20 @@ from ..bore.opening import ClearAperture
 from ..bore.part import Number
 from ..camera import Camera
 from ..design import PATHS
+from ..design.parts import widening
 from ..lenses.glass import ROOM
 from ..lenses.prescription import Prescription
 from ..words import clauses, listed, number, the
 
 WALL, GUIDE, LENGTH, OUTER = "tube.wall", "tube.light_guide", "tube.length", "tube.outer_diameter"
+PROXIMAL = "tube.proximal_diameter"
 NARROWEST = "narrowest tube about the optics,"
 """Tube where no design states one, in words."""
 WIDTHS = INSERTED, WHOLE = "insertion_diameter_mm", "outer_diameter_mm"
 """Names of the two widths: of the insertion portion, which a stated tube is, and of all of the camera."""
 PACKAGE = "sensor.package"
+NEAR = 1e-3
+"""Share of its distance within which a rim stands at a cone's wide end."""
 RIM = np.linspace(0.0, 2 * np.pi, 72, endpoint=False)
 """Angles at which a rim that stands sideways is looked at [rad]."""
 
@@ -79,7 +83,7 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
         aside = 2 * np.hypot(numbers[f"{key}.decentre.0"], numbers[f"{key}.decentre.1"])
         whole = np.maximum(width, glass) + aside
         if key in c.chain.bores:  # what is amiss of it is so of the wall, whatever that leaves of the tube
-            whole = np.minimum(whole, room(c))
+            whole = np.minimum(whole, room(c, place))
         return _Housed(name, whole, place, width + aside, _aside(c, place, whole / 2))
 
     def diagonal(key: str) -> Number:
@@ -110,10 +114,23 @@ def unsaid_bore(c: Camera) -> str:
         for part in housed(c)
         if part.aside is None and np.all(np.logical_and(part.inside(c), np.equal(part.clear, part.width)))
     ]
-    names = [part.name for part in within if np.isclose(float(part.width), float(room(c)), rtol=1e-9, atol=0.0)]
+    names = [
+        part.name for part in within if np.isclose(float(part.width), float(room(c, part.place)), rtol=1e-9, atol=0.0)
+    ]
     bores = {rim.name for rim in c.stop_openings if rim.part not in c.chain.bores}
     at = [the(name) for name in names if name in bores]
     return f"{listed(at)} as wide as the tube leaves: if that is its own bore, give it bore = true" if at else ""
+
+
+def unsaid_wall(c: Camera) -> str:
+    """Words on a cone whose wide end no opening stands for, so that its wall cuts no light; empty of none."""
+    if PROXIMAL not in c.numbers:
+        return ""
+    end = float(c.cold.tip - c.cold[LENGTH])
+    said = [rim for rim in c.cold.stop_openings if abs(float(rim.ruler_distance) - end) <= NEAR * abs(end)]
+    if said or end <= 0:
+        return ""
+    return f'; its wall cuts no rays, until [[stops]] says distance = "{number(end, 6)} mm", bore = true'
 
 
 def unjudged(c: Camera) -> str:
@@ -176,15 +193,31 @@ def uncounted(c: Camera) -> str:
     return f"without {' or '.join(filter(None, (', '.join(names[:-1]), names[-1])))}" if names else ""
 
 
-def room(c: Camera) -> Array:
-    """Width that the tube leaves its parts [mm]; infinite where no design states one."""
-    return np.asarray(c.cold[OUTER] - 2 * shell(c) if OUTER in c.numbers else np.inf)
+def slack(c: Camera, place: Number) -> Number:
+    """How much wider than at a place [mm before the main lens] a cone is at its wide end [mm]; 0 of a straight tube."""
+    if PROXIMAL not in c.numbers:
+        return 0.0
+    ends = c.cold[OUTER], c.cold[PROXIMAL]
+    return ends[1] - ends[0] - widening(*ends, c.cold[LENGTH], c.cold.tip - place)
+
+
+def widest(c: Camera) -> Number:
+    """Outer diameter of the tube that is stated, of a cone at its wide end [mm]."""
+    return c.cold[PROXIMAL if PROXIMAL in c.numbers else OUTER]
+
+
+def room(c: Camera, place: Number) -> Array:
+    """Width that the tube leaves a part at a place [both mm]; infinite where no design states one.
+
+    A cone is narrowest about a part's end towards the scene.
+    """
+    return np.asarray(widest(c) - slack(c, place) - 2 * shell(c) if OUTER in c.numbers else np.inf)
 
 
 def widest_fap(c: Camera) -> Array:
     """Diameter up to which a FAP fits the tube, if it is in it, and the main lens lets all its light through [mm]."""
-    inside = _in_tube(c, c.cold.numbers[PATHS["d_3"]])
-    return np.minimum(np.where(inside, room(c), np.inf), c.cold.D)
+    fap = c.cold.numbers[PATHS["d_3"]]
+    return np.minimum(np.where(_in_tube(c, fap), room(c, fap), np.inf), c.cold.D)
 
 
 def walls(c: Camera) -> tuple[str, str]:
@@ -194,9 +227,11 @@ def walls(c: Camera) -> tuple[str, str]:
     """
     if OUTER not in c.numbers:
         return NARROWEST, uncounted(c)
-    outer, wall, narrowest = float(c.cold[OUTER]), float(shell(c)), float(np.max(_about(c, False)))
+    outer, wall, narrowest = float(widest(c)), float(shell(c)), float(np.max(_about(c, False)))
     walls = "walls with light guide" if GUIDE in c.numbers else "walls"
     parts = f"parts of {number(narrowest - 2 * wall, 4)} mm and {walls} of {number(wall, 4)} mm"
+    if PROXIMAL in c.numbers:
+        parts = f"a cone from {number(float(c.cold[OUTER]), 4)} mm at the tip, {walls} of {number(wall, 4)} mm"
     counted = f"as stated: {parts}, clearance {number(outer - narrowest, 3, 1e-9)} mm"
     if outer < narrowest * (1 - 1e-9):
         counted = f"with its wall: {parts}; {number(outer, 4)} mm as stated is too narrow"
@@ -234,11 +269,17 @@ def diameters(c: Camera, whole: bool) -> Array:
     Of the whole camera, or of its insertion portion: all in the stated tube, or all there is where no length is stated.
     """
     about = _about(c, whole)
-    return np.stack(np.broadcast_arrays(*about, *([c.cold[OUTER]] if OUTER in c.numbers else [])))
+    return np.stack(np.broadcast_arrays(*about, *([widest(c)] if OUTER in c.numbers else [])))
 
 
 def _about(c: Camera, whole: bool) -> Array:
-    """Outer diameter about each of `housed` [mm], shape (K, ...); of what lies behind the tube its own or none."""
+    """Outer diameter about each of `housed` [mm], shape (K, ...); of what lies behind the tube its own or none.
+
+    Of a cone that of its wide end, if it is as much wider everywhere as the part in it needs.
+    """
     parts, walls = housed(c), 2 * shell(c)
-    widths = [np.where(part.inside(c), part.needs(c) + walls, part.across if whole else walls) for part in parts]
+    widths = [
+        np.where(part.inside(c), part.needs(c) + slack(c, part.place) + walls, part.across if whole else walls)
+        for part in parts
+    ]
     return np.stack(np.broadcast_arrays(*widths))

@@ -256,7 +256,7 @@ def test_a_tube_counts_the_sensors_package_and_a_light_guide_and_says_what_it_do
     assert {part.name: float(part.width) for part in housed(camera)}["sensor"] == pytest.approx(math.hypot(2.0, 2.4))
     assert "without light guide" in fits(packaged).text
     lit = packaged.replace({"tube.light_guide": 0.35})
-    assert float(room(Camera.of(lit))) == pytest.approx(4.0 - 2 * (0.1 + 0.35))
+    assert float(room(Camera.of(lit), 0.0)) == pytest.approx(4.0 - 2 * (0.1 + 0.35))
     held = fits(lit)
     assert "does not fit" in held.text  # 3.12 mm of package in 3.1 mm
     assert "wall with its light guide of 0.45 mm" in held.text

@@ -105,7 +105,7 @@ def _parameters(designs: Sequence[Design]) -> Table:
             "further stops": str(len(design.stops)),
         }
         for k in range(max(len(each.stops) for each in designs)):
-            stop = design.stops[k] if k < len(design.stops) else None
+            stop = design.all_stops[1 + k] if k < len(design.stops) else None
             name = f"{stop.name}, " if stop and stop.name else ""
             column[f"stop {k + 1}"] = f"{name}{stop.outline.words} at {length(stop.distance)}" if stop else ABSENT
         moved = [f"{part} {pose}" for part, pose in misalignments(design)]

@@ -17,6 +17,7 @@ from ...bore.fold import Fold, folded, folded_line
 from ...camera import Camera
 from ...camera.frames import Frame, frame
 from ...design import Design
+from ...design.parts import widening
 from ...drawing.marks import Text
 from ...drawing.picture import Picture
 from ...drawing.solid import (
@@ -118,6 +119,10 @@ class _Wall(NamedTuple):
     """Where it ends, along the axis [mm]."""
     behind: float
     """Radius of what lies behind it [mm]."""
+    front: float = 0.0
+    """Where it begins [mm]."""
+    flare: float = 0.0
+    """By how much its radius is more at the other end of a cone [mm]."""
 
     @classmethod
     def of(cls, design: Design, wide: float, front: float, folded: bool) -> _Wall:
@@ -126,22 +131,26 @@ class _Wall(NamedTuple):
         if tube is None or folded:
             return cls(wide, front, wide)
         length = math.inf if tube.length is None else tube.length
-        return cls(tube.outer_diameter / 2, front + length, wide)
+        flare = 0.0 if tube.proximal_diameter is None else (tube.proximal_diameter - tube.outer_diameter) / 2
+        return cls(tube.outer_diameter / 2, front + length, wide, front, flare)
 
     def at(self, z: float) -> float:
         """Radius at a place along the axis [mm]."""
-        return self.inserted if z <= self.back else self.behind
+        if not self.flare or z > self.back:
+            return self.inserted if z <= self.back else self.behind
+        return self.inserted + float(widening(0.0, self.flare, self.back - self.front, z - self.front))
 
 
 def _tube(folds: Sequence[Fold], wall: _Wall, front: float, end: float) -> list[Body]:
     """The tube, mitred where the axis is folded; one that is not as wide all along has a step."""
-    if wall.inserted != wall.behind and front < wall.back < end:
-        pieces = ((wall.inserted, front, wall.back), (wall.behind, wall.back, end))
+    if wall.flare or (wall.inserted != wall.behind and front < wall.back < end):
+        back = min(wall.back, end)
+        pieces = [[(wall.at(z), z) for z in (front, back)], [(wall.behind, z) for z in (back, end)]]
         bodies = [
-            Body(name, "round", turned([(radius, z) for z in ends]), bands(2), "grey", 0.10, label="tube")
-            for name, (radius, *ends) in zip(("tube", "tube 2"), pieces, strict=True)
+            Body(name, "round", turned(ends), bands(2), "grey", 0.10, label="tube")
+            for name, ends in zip(("tube", "tube 2"), pieces[: 2 if back < end else 1], strict=False)
         ]
-        rims = [_circle(radius, z) for radius, *ends in pieces for z in ends]
+        rims = [_circle(*ends) for piece in pieces for ends in piece]
         return [*bodies, _lines("tube ends", rims, "grey", 1.5)]
     radius = wall.at(front)
     joints = [turned([(radius, end)])]

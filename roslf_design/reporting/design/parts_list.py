@@ -97,9 +97,11 @@ def _window(part: Any, design: Design, element: AnyElement | None) -> _Unlike:
         lacks.append(f"of {part.material.name}")
         apart += ANOTHER
     beyond = f"{length(part.diameter)} wide" if wider > 1 + SAME else ""
-    if design.tube is not None and part.diameter > (room := design.tube.room) * (1 + SAME):
-        lacks.append(f"{length(part.diameter)} wide in a tube of {length(room)} inside")
-        apart += 2 * math.log(part.diameter / room)
+    if design.tube is not None:
+        room = design.tube.room(design.tip - element.distance - element.length)
+        if part.diameter > room * (1 + SAME):
+            lacks.append(f"{length(part.diameter)} wide in a tube of {length(room)} inside")
+            apart += 2 * math.log(part.diameter / room)
     return _Unlike((("thickness", part.thickness, element.length),), tuple(lacks), apart, beyond)
 
 

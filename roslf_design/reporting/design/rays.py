@@ -16,6 +16,7 @@ from ..._arrays import Array
 from ...bore.elements import AnyElement, made_of
 from ...camera import Camera
 from ...design.assembly import Placed
+from ...design.parts import widening
 from ...drawing.marks import Area, Dots, Key, Line, Mark, Point, Text, bars, box_key, joined, line_key, parted, xy
 from ...drawing.panel import Panel, Scale
 from ...drawing.picture import PAGE, Picture, beside, legend_height, one_panel
@@ -26,7 +27,7 @@ from ...lenses.material import material_label
 from ...rays import PASSED, fans, glass_shares, trace_pupil
 from ...theory.limits import limits
 from ...theory.quantities import QUANTITIES
-from ...theory.tube import WHOLE, WIDTHS, shell
+from ...theory.tube import WHOLE, WIDTHS, shell, widest
 from ...words import length, listed
 
 if TYPE_CHECKING:
@@ -244,16 +245,18 @@ class _Tube:
     """Tube about an instrument's section, along the axis from its tip: the design's, or the narrowest one."""
 
     inner: float
-    """Half of what is inside [mm]."""
+    """Half of what is inside, at the tip [mm]."""
     wall: float
-    """Half of what the wall, without a ring of light fibres within it, goes around [mm]."""
+    """Half of what the wall, without a ring of light fibres within it, goes around there [mm]."""
     outer: float
-    """Half the outer diameter [mm]."""
+    """Half the outer diameter there [mm]."""
     ends: tuple[float, float]
     """Tip and other end [mm]."""
     stated: bool
     most: float
     """Half the width that is required at most [mm]; infinite where none is."""
+    flare: float = 0.0
+    """By how much all of these are more at the other end of a cone [mm]."""
 
     @classmethod
     def of(cls, design: Design) -> _Tube:
@@ -266,12 +269,24 @@ class _Tube:
         cold = Camera.of(design).cold  # as it is stated, at 20 degrees C
         outer = float(cold["tube.outer_diameter"]) / 2
         far = end if tube.length is None else tip + tube.length
-        return cls(outer - float(shell(cold)), outer - float(cold["tube.wall"]), outer, (tip, far), True, most)
+        inner, within, flare = (
+            outer - float(shell(cold)),
+            outer - float(cold["tube.wall"]),
+            float(widest(cold)) / 2 - outer,
+        )
+        return cls(inner, within, outer, (tip, far), True, most, flare)
+
+    def flared(self, z: Array | float) -> Array:
+        """How much more of a cone its radii are at a place than at its tip [both mm]."""
+        if not self.flare:
+            return np.zeros(())
+        return np.asarray(widening(0.0, self.flare, self.ends[1] - self.ends[0], z - self.ends[0]))
 
     @property
     def keys(self) -> tuple[Key, ...]:
         """Entries of it in a legend."""
-        size = f"{short(2 * self.outer)} mm outside"
+        wide_end = f" to {short(2 * (self.outer + self.flare))}" * (self.flare > 0)
+        size = f"{short(2 * self.outer)}{wide_end} mm outside"
         keys = [box_key(f"tube, {size}", *TUBE) if self.stated else line_key(f"narrowest tube, {size}", "grey", 1.2)]
         keys += [box_key("light guide", *GUIDE)] * (self.wall > self.inner)
         keys += [line_key(f"required: at most {short(2 * self.most)} mm", *LIMIT)] * math.isfinite(self.most)
@@ -280,11 +295,18 @@ class _Tube:
     def marks(self, half: float) -> list[Mark]:
         """Drawing of it, of what a picture so high shows [mm]."""
         tip, end = self.ends
-        marks: list[Mark] = [_block(tip, end, -min(self.inner, half), min(self.inner, half), "pale", 0.28)]
+
+        def ring(low: float, high: float, *fill: Any, **more: Any) -> Area:
+            lows, highs = (
+                [min(abs(edge) + out, half) * np.sign(edge) for out in (0.0, self.flare)] for edge in (low, high)
+            )
+            return Area([tip, end, end, tip], [*highs, *lows[::-1]], *fill, **more)
+
+        marks: list[Mark] = [ring(-self.inner, self.inner, "pale", 0.28)]
         for sign in (-1, 1):
             for low, high, fill in ((self.inner, self.wall, GUIDE), (self.wall, self.outer, TUBE)):
                 if low < min(high, half):
-                    marks.append(_block(tip, end, sign * low, sign * min(high, half), *fill, testid="tube"))
+                    marks.append(ring(sign * low, sign * high, *fill, testid="tube"))
             if not self.stated and self.outer <= half:
                 marks.append(Line([tip, end], [sign * self.outer] * 2, "grey", 1.2, testid="tube"))
             if self.most <= half:
@@ -293,11 +315,11 @@ class _Tube:
 
     def meets(self, fan: _LabelledFan) -> NDArray[np.bool_]:
         """Which blocked rays of a fan end within it; those that pass it outside are not drawn."""
-        return ~fan.kept & (np.abs(fan.x[:, -1]) <= self.outer * (1 + 1e-9))
+        return ~fan.kept & (np.abs(fan.x[:, -1]) <= (self.outer + self.flared(fan.z[:, -1])) * (1 + 1e-9))
 
-    def rim(self, edge: float, least: float) -> float:
-        """How far from the axis a mount reaches whose opening ends at `edge` [mm]; by `least` where it has no room."""
-        return math.copysign(max(self.inner, abs(edge) + least), edge)
+    def rim(self, edge: float, least: float, z: float) -> float:
+        """How far from the axis a mount at z reaches whose opening ends at `edge` [mm]; by `least` without room."""
+        return math.copysign(max(self.inner + float(self.flared(z)), abs(edge) + least), edge)
 
 
 class _SectionLayout(NamedTuple):
@@ -347,7 +369,7 @@ class _Frame(NamedTuple):
             left, right = design.d_1 - 3 * design.d_2, end + design.d_2 / 4
         solid = [*reaches(design, left, right), *[math.hypot(*design.sensor_size) / 2] * (right >= end)]
         if close != "sensor":  # which may be far smaller than the tube
-            solid += [tube.outer, *[tube.most] * (tube.most < TALLEST * tube.outer)]
+            solid += [tube.outer + float(tube.flared(right)), *[tube.most] * (tube.most < TALLEST * tube.outer)]
         high = np.abs([_heights(fan, left, right if close else math.inf) for fan in drawn])
         # Where all light passes, and where it starts; what is blocked may run to any height.
         lit = max(*solid, high[..., 0].max(), np.where([fan.kept for fan in drawn], high.max(axis=-1), 0.0).max())
@@ -487,7 +509,7 @@ def _elements(design: Design, section: _SectionLayout) -> list[Mark]:
     for number, stop in enumerate(design.openings):
         for sign in (-1, 1):
             edge = stop.part.decentre[0] + sign * _half(stop.part)
-            rim = tube.rim(edge if edge * sign > 0 else sign * 1e-9, 5 * up)
+            rim = tube.rim(edge if edge * sign > 0 else sign * 1e-9, 5 * up, -stop.near)
             marks.append(Line([-stop.near] * 2, [edge, rim], stop_colour(number), 3.2))
     middle, radius = design.main_lens.decentre[0], design.D / 2
     bulge = _thick(radius, section) / 2
@@ -495,7 +517,7 @@ def _elements(design: Design, section: _SectionLayout) -> list[Mark]:
     z, x = bulge * (1 - t**2), middle + radius * t
     marks.append(Area([*z, *-z[::-1]], [*x, *x[::-1]], *LENS, "blue", 1.2))
     marks += [
-        Line([0.0, 0.0], [middle + sign * radius, tube.rim(middle + sign * radius, 5 * up)], "blue", 3.2)
+        Line([0.0, 0.0], [middle + sign * radius, tube.rim(middle + sign * radius, 5 * up, 0.0)], "blue", 3.2)
         for sign in (-1, 1)
     ]
     if design.main_lens.kind.gap:
@@ -536,9 +558,10 @@ def reaches(design: Design, left: float = -math.inf, right: float = math.inf) ->
 
 def _glass(design: Design, section: _SectionLayout) -> list[Mark]:
     """Elements before the main lens with their mounts, and the plates about the array."""
-    half, marks = min(section.half, section.tube.inner), []  # type: float, list[Mark]
+    marks, tube = list[Mark](), section.tube
     for number, (_, _, element, start, end) in enumerate(design.in_bore, 1):
         near, far, middle = -start, -end, element.decentre[0]
+        half = min(section.half, tube.inner + float(tube.flared(far)))
         radius = element.half_height or half
         low, high = max(middle - radius, -section.half), min(middle + radius, section.half)
         for edge, wall in ((high, half), (low, -half)):
