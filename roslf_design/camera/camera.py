@@ -7,6 +7,7 @@ refused here: a camera that cannot be built keeps its numbers, and `Camera.valid
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -172,7 +173,7 @@ class Camera(PosedParts):
         if not self.chain.fitted:
             return {}
         outer, tip = numbers["tube.outer_diameter"], self.chain.end(numbers)
-        for place in (TIP, PATHS["d_3"], *(f"stops.{k}.distance" for k in range(len(self.chain.stops)))):
+        for place in (TIP, PATHS["d_3"], *filter(re.compile(r"stops\.\d+\.distance").fullmatch, numbers)):
             tip = np.maximum(tip, numbers[place])
         inside = outer - 2 * (numbers["tube.wall"] + numbers.get("tube.light_guide", 0.0))
         wide, length = numbers.get("tube.proximal_diameter", outer), numbers.get("tube.length", math.inf)

@@ -127,12 +127,11 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
     @property
     def tip(self) -> float:
         """Distance of the bore's outer end from the main lens by a ruler [mm]."""
-        ends = [self.aperture.stands, *(stop.stands for stop in self.stops), *(at.far for at in self.in_bore)]
-        return max(float(self.main_lens.kind.front), *map(float, ends))
+        return max(float(self.main_lens.kind.front), *(float(at.far) for at in (*self._as_stated, *self.in_bore)))
 
-    def _of_tube(self, rim: Stop) -> Stop:
+    def _of_tube(self, rim: Opening) -> Opening:
         """A rim, as wide as the tube leaves it where it states no width of its own."""
-        if self.tube is None or rim.diameter is not None or rim.sides is not None:
+        if self.tube is None or not rim.fitted:
             return rim
         return rim.model_copy(update={"diameter": self.tube.room(self.tip - rim.stands)})
 
@@ -188,11 +187,16 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
         return (*self.main_lens.kind.looks_through, *(("what lies in the bore",) if self.elements else ()))
 
     @property
-    def openings(self) -> tuple[Placed[Opening], ...]:
-        """The FAP and the further stops, where they stand."""
-        further = ((f"stops.{k}", stop.called(k + 1), stop) for k, stop in enumerate(self.all_stops[1:]))
+    def _as_stated(self) -> tuple[Placed[Opening], ...]:
+        """The FAP and the further stops, as the file states them."""
+        further = ((f"stops.{k}", stop.called(k + 1), stop) for k, stop in enumerate(self.stops))
         named = (("aperture", "FAP", self.aperture), *further)
         return tuple(Placed(*each, each[-1].stands, each[-1].stands) for each in named)
+
+    @property
+    def openings(self) -> tuple[Placed[Opening], ...]:
+        """The FAP and the further stops, where they stand."""
+        return tuple(at._replace(part=self._of_tube(at.part)) for at in self._as_stated)
 
     @property
     def in_bore(self) -> tuple[Placed[AnyElement], ...]:
@@ -208,7 +212,7 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
         return (*self.openings, *self.in_bore)
 
     @property
-    def all_stops(self) -> tuple[Pupil, *tuple[Stop, ...]]:
+    def all_stops(self) -> tuple[Opening, ...]:
         """The FAP, then the further stops; the main lens is not among them."""
         return (self.aperture, *map(self._of_tube, self.stops))
 
@@ -257,7 +261,7 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
         behind = tuple(place for place in self.covers if place not in before)
         bores = tuple(opening.place for opening in self.openings if opening.part.bore)
         stops = tuple(stop.name for stop in self.openings[1:])
-        fitted = tuple(f"stops.{k}" for k, stop in enumerate(self.stops) if stop.diameter is None and not stop.sides)
+        fitted = tuple(opening.place for opening in self._as_stated if opening.part.fitted)
         imaged = self.aperture.behind is not None
         return Chain(self.elements, housing, before, behind, imaged, self.main_lens.sheet, bores, stops, fitted)
 

@@ -175,6 +175,11 @@ class Opening(OpticalPart):
     """[rad]."""
 
     @property
+    def fitted(self) -> bool:
+        """Whether it is as wide as the tube leaves it."""
+        return self.diameter is None and self.sides is None
+
+    @property
     def number_keys(self) -> tuple[str, ...]:
         """Keys of its numbers beside its pose."""
         return (*self.outline.keys, *((TURN,) if self.outline.straight else ()), "distance")

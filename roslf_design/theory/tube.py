@@ -127,8 +127,7 @@ def unsaid_wall(c: Camera) -> str:
     if PROXIMAL not in c.numbers:
         return ""
     end = float(c.cold.tip - c.cold[LENGTH])
-    said = [rim for rim in c.cold.stop_openings if abs(float(rim.ruler_distance) - end) <= NEAR * abs(end)]
-    if said or end <= 0:
+    if end <= 0 or any(abs(float(c.cold[f"{bore}.distance"]) - end) <= NEAR * end for bore in c.chain.bores):
         return ""
     return f'; its wall cuts no rays, until [[stops]] says distance = "{number(end, 6)} mm", bore = true'
 

@@ -105,9 +105,10 @@ def _parameters(designs: Sequence[Design]) -> Table:
             "further stops": str(len(design.stops)),
         }
         for k in range(max(len(each.stops) for each in designs)):
-            stop = design.all_stops[1 + k] if k < len(design.stops) else None
+            stop = design.stops[k] if k < len(design.stops) else None
             name = f"{stop.name}, " if stop and stop.name else ""
-            column[f"stop {k + 1}"] = f"{name}{stop.outline.words} at {length(stop.distance)}" if stop else ABSENT
+            words = design.all_stops[k + 1].outline.words if stop else ""
+            column[f"stop {k + 1}"] = f"{name}{words} at {length(stop.distance)}" if stop else ABSENT
         moved = [f"{part} {pose}" for part, pose in misalignments(design)]
         columns.append(column | {"misalignments": "; ".join(moved) or "none"})
     return _side_by_side("Parameters", columns)
