@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 APPARENT = ("d_f", "d_1", "d_2", "d_3", "D_F", "H", "inverse_H", "A", "m", "inverse_m", "gap", "vergence")
 """Lengths, and what follows from them, that the main lens may see otherwise than a ruler."""
+RIM_PLACE = re.compile(r"stops\.\d+\.distance")
+"""Places of the distances of further stops."""
 
 
 class _Kind(NamedTuple):
@@ -173,7 +175,7 @@ class Camera(PosedParts):
         if not self.chain.fitted:
             return {}
         outer, tip = numbers["tube.outer_diameter"], self.chain.end(numbers)
-        for place in (TIP, PATHS["d_3"], *filter(re.compile(r"stops\.\d+\.distance").fullmatch, numbers)):
+        for place in (TIP, PATHS["d_3"], *filter(RIM_PLACE.fullmatch, numbers)):
             tip = np.maximum(tip, numbers[place])
         inside = outer - 2 * (numbers["tube.wall"] + numbers.get("tube.light_guide", 0.0))
         wide, length = numbers.get("tube.proximal_diameter", outer), numbers.get("tube.length", math.inf)
