@@ -140,7 +140,7 @@ def depth(
     pictures = PictureOptions(region=piece, seed=simulation.seed or 0, exposures=simulation.exposures or 1)
     title = f"Depth that {camera.name} measures"
     check_options(folder=output, title=title)
-    work = Work.of(camera, pictures)
+    work = Work.of(camera, pictures, light=None if look is None else look.mean_exposure)
     tell_cost(work.seconds, f"{work}; a smaller --region makes it shorter", window_sums.shelved)
     with bar("depth") as tell:
         trial = simulate(camera, look, pictures, believed=other, progress=lambda what, share: tell(share))

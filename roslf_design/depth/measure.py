@@ -45,6 +45,7 @@ from .pictures import (
     Work,
     chief_rays,
     default_scene,
+    in_scene_light,
     lattice_of,
     light_on,
 )
@@ -371,7 +372,10 @@ class Trial(Measurement):
         given = {"sigma_disparity_pitches": design.depth.disparity_error, "window": window}
         texture = "the scene's" if _texture_of(self.scene) is not None else "the design's, not the scene's"
         lit = given if light is None else plain(light) | {"electrons": self.electrons}
-        return lit | {"texture": texture}
+        return lit | {
+            "texture": texture,
+            "exposure": "the design's" if self.scene.light.exposure is None else "the scene's",
+        }
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON object of `roslf depth`: microlenses of the first exposure, and what all of them say."""
@@ -497,7 +501,8 @@ def simulate(
     design : Design
         The camera, its light and sensor.
     scene : Scene, optional
-        Brightness is relative: on average it is as bright as the design's light says. None is `default_scene`.
+        Exposed as it states; where it states nothing, on average it is as bright as the design's light says. None is
+        `default_scene`.
     options : PictureOptions, optional
     believed : Design, optional
         The camera that depth is computed for, where that is not the one that takes the pictures; its veil is taken off
@@ -530,7 +535,8 @@ def simulate(
     if not inside.size or (np.ptp(inside, axis=0) < LEAST - 1).any():
         message = f"fewer than {LEAST} x {LEAST} microlens images lie in it; name a larger part of the sensor"
         raise InputError((Problem("region", message),))
-    mean = light_on(scene, actual, part)
+    met, stated = light_on(scene, actual, part), scene.mean_exposure
+    mean = met * (float(electrons(camera)) if stated is None else stated)
     work = Work.of(design, options, framed, mean)
     if again is not None:
         work = work._replace(white=0.0, picture=0.0)
@@ -547,6 +553,10 @@ def simulate(
     level = float(picture.pixels.sum() / max(float(white.pixels.sum()), 1e-30))
     if not level > 0:
         raise InputError((Problem("", "no light of the scene reaches this part of the sensor"),))
+    lit_design = in_scene_light(design, scene, level / met)
+    if lit_design is not design:
+        believed, camera = lit_design if believed is design else believed, Camera.of(lit_design.thin_twin)
+    mean = met * float(electrons(camera))
     full, saturation = mean / level, float(camera["sensor.full_well"])
     dark = math.sqrt(float(dark_variance(camera)))
     veil, known_veil = (float(veil_electrons(each)) for each in (camera, geometry.camera))
@@ -576,8 +586,8 @@ def simulate(
         runs.append(run.within(rows, columns))
     true = true[rows, columns]
     seen = float(np.isfinite(true).mean())
-    texture = assumed(design, scene, runs[0].disparities.window, float(electrons(camera)) / full, seen)
-    exposed = (picture.pixels * full + veil) / saturation
+    texture = assumed(lit_design, scene, runs[0].disparities.window, float(electrons(camera)) / full, seen)
+    exposed, picture = (picture.pixels * full + veil) / saturation, replace(picture, design=lit_design)
     return Trial(
         tuple(runs), true, _predict(texture, runs[0].field, true, actual.traced), scene, part,
         believed, mean, picture, white, viewing, float((exposed >= 1).mean()), float(np.quantile(exposed, 0.999)),

@@ -39,7 +39,7 @@ from ..scenes import Noise, Plane, Scene
 from ..scenes.scene import chief_ray_limits
 from ..seeds import Seed
 from ..shapes.lattice import PACKINGS
-from ..theory.photometry import electrons
+from ..theory.photometry import electrons, exposure
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from .geometry import ArrayGeometry, depth_of, disparity_of
@@ -146,7 +146,7 @@ class Unexposed(NamedTuple):
         white = shown(None, effects=lines, sampling=replace(sampling, side=0), progress=white_progress)
         over = scene.brightness if scene.white is None and scene.surfaces else 0.0
         geometry = ArrayGeometry(design)
-        over *= light_on(scene, geometry, framed.region) / float(electrons(geometry.camera))
+        over *= light_on(scene, geometry, framed.region)
         picture = shown(quiet, effects=lines, over=over, sampling=sampling, progress=progress)
         # Rays tell only what the scene is brighter or darker than its mean, which the white picture has without them.
         return cls(replace(picture, pixels=picture.pixels + np.float32(over) * white.pixels), white)
@@ -200,9 +200,25 @@ def _rays_seen(geometry: ArrayGeometry, region: Region) -> Array:
 
 
 def light_on(scene: Scene, geometry: ArrayGeometry, region: Region) -> float:
-    """Mean electrons of fully lit pixels of a region, where a scene is as bright as on average."""
-    rays = _rays_seen(geometry, region)
-    return float(electrons(geometry.camera)) * light_met(scene, geometry.camera, rays)
+    """Mean light of a region over that of the focal plane, where a scene is as bright as on average."""
+    return light_met(scene, geometry.camera, _rays_seen(geometry, region))
+
+
+def in_scene_light(design: Design, scene: Scene, level: float) -> Design:
+    """Design that exposes as a scene states; itself where it states nothing.
+
+    Parameters
+    ----------
+    level : float
+        Brightness of what is looked at over white, as bright as the scene has it at the focal plane.
+    """
+    white, camera = scene.light.exposure, Camera.of(design.thin_twin)
+    if white is None:
+        return design
+    changes = {"light.exposure": float(exposure(camera)) * white * level / float(electrons(camera))}
+    if "read_noise" in scene.light.model_fields_set:
+        changes["sensor.read_noise"] = scene.light.read_noise
+    return design.replace(changes)
 
 
 def _beside(design: Design, scene: Scene | None, region: Region) -> float:
@@ -281,7 +297,7 @@ class Work(NamedTuple):
     def of(
         cls, design: Design, options: PictureOptions, framed: Framed | None = None, light: float | None = None
     ) -> Work:
-        """Work of pictures that a design takes, by `light_on`; of a scene that nobody knows yet where both are None."""
+        """Work of pictures that a design takes, in so many electrons; of a scene that nobody knows yet without both."""
         camera = Camera.of(design.thin_twin)
         _, wide, _ = framed or Framed.of(design, None, options.part(design))
         rays = options.rays or rays_for(camera, wide, light)

@@ -49,11 +49,11 @@ class SceneLight(Part):
     wavelengths: Annotated[tuple[Length, ...], Field(max_length=100)] = ()
     """Equal parts of light at each [mm]; none is the design's own, or white light for a sensor with colour filters."""
     exposure: Annotated[float, Field(gt=0, le=1e12)] | None = None
-    """Electrons in a fully lit pixel of `roslf render`; none asks for no noise. `roslf depth` counts the design's light
-    instead. Where the design says `light.measured_at`, surfaces have
+    """Electrons in a fully lit pixel, in the place of the design's own light and exposure; left out, `roslf render`
+    draws no noise and `roslf depth` counts the design's light. Where the design says `light.measured_at`, surfaces have
     their radiance at the focal plane, and 1/z^2 of it at others."""
     read_noise: Annotated[float, Field(ge=0, le=1e6)] = 0.0
-    """Rms read noise [electrons]."""
+    """Rms read noise [electrons]; left out, none in `roslf render`, and the sensor's own in `roslf depth`."""
 
     @field_validator("exposure")
     @classmethod
@@ -108,6 +108,14 @@ class Scene(Part):
         """Radiance that surfaces have on average, each counted alike; without any that of the background."""
         each = [brightness(thing) for thing in self.surfaces]
         return sum(each) / len(each) if each else self.background
+
+    @property
+    def mean_exposure(self) -> float | None:
+        """Electrons of a fully lit pixel, where the scene is as bright as on average; None of a scene that states none.
+
+        Those where it is white, of a scene that is dark but for points.
+        """
+        return None if self.light.exposure is None else self.light.exposure * (self.brightness or 1.0)
 
     def in_light(self, wavelengths: tuple[float, ...]) -> Scene:
         """Scene in equal parts of light at some wavelengths [mm]."""

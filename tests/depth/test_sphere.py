@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
+from roslf_design.camera import Camera
 from roslf_design.depth.measure import simulate
 from roslf_design.depth.pictures import PictureOptions
 from roslf_design.depth.sphere import SphereFit
 from roslf_design.reporting.depth.pages import measurement_pictures, sphere_line, statements
 from roslf_design.scenes import make_scene
+from roslf_design.theory.photometry import electrons, exposure
 from tests.depth.made import at_first_sight, fewer_rays
 
 BALL = {"kind": "sphere", "distance": 355.0, "radius": 5.0, "centre": (0.4, -0.2)}
@@ -116,11 +118,19 @@ def test_one_that_noise_hides_is_said_to_be_none_that_is_told(trials):
     assert sphere_line(ball.sphere) == []
 
 
-def test_the_light_of_a_scene_that_depth_does_not_use_is_named(trials):
+def test_a_scene_that_states_an_exposure_is_exposed_so(trials):
+    """Electrons of white by the pictures themselves: 5000."""
     ball, wall = trials
+    level = ball.raw.pixels.sum() / ball.white.pixels.sum()
+    assert ball.electrons / level == pytest.approx(5000, rel=1e-6)
+    camera = Camera.of(ball.raw.design)
+    assert float(electrons(camera)) == pytest.approx(ball.electrons, rel=1e-9)
+    assert ball.saturated == pytest.approx(float((5000 * ball.raw.pixels >= camera["sensor.full_well"]).mean()))
+    assert ball.assumes()["exposure"] == "the scene's"
+    assert ball.assumes()["exposure_s"] == pytest.approx(float(exposure(camera)))
+    assert wall.assumes()["exposure"] == "the design's"
+    assert float(electrons(Camera.of(wall.raw.design))) == wall.electrons
     (said,) = (s for s in statements(ball) if s.text.startswith("How much light?"))
-    assert f"The design's, {ball.electrons:.4g} electrons" in said.text
-    assert "exposure and read noise are for roslf render and not used" in said.text
-    assert "5000 electrons where it is white would be some 2500 on average" in said.remedy
-    assert f"{2500 / ball.electrons:.2g} times as long" in said.remedy
+    assert f"5000 electrons where it is white, {ball.electrons:.4g} in a pixel" in said.text
+    assert "read noise is the scene's, 2.5" in said.text
     assert not [s for s in statements(wall) if s.text.startswith("How much light?")]

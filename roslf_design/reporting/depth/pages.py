@@ -134,23 +134,23 @@ def distances(geometry: ViewGeometry, low: float, high: float) -> str:
     return f"{low - tip:.4g} and {high - tip:.4g} mm ahead of the tip ({low:.5g} and {high:.5g}{lens})"
 
 
-def _light_of_the_design(trial: Trial) -> Iterator[Statement]:
+def _exposure_key(trial: Trial) -> str:
+    """Key that says how long is exposed: the design's, or that of a scene that states it."""
+    return "light.exposure" + " of the scene" * (trial.scene.light.exposure is not None)
+
+
+def _light_of_the_scene(trial: Trial) -> Iterator[Statement]:
     """Which light counts, where a scene states an exposure of its own."""
     given = trial.scene.light
     if given.exposure is None:
         return
-    noise = "exposure and read noise are" if given.read_noise else "exposure is"
+    whose = "scene" if "read_noise" in given.model_fields_set else "sensor"
     text = (
-        f"How much light? The design's, {trial.electrons:.4g} electrons in a pixel where the scene is as bright as "
-        f"on average; the scene's own {noise} for roslf render and not used here."
+        f"How much light? The scene's own exposure, not the design's: {number(given.exposure, 4)} electrons where "
+        f"it is white, {number(trial.electrons, 4)} in a pixel where it is as bright as on average; read noise is the "
+        f"{whose}'s, {trial.raw.design.sensor.read_noise:.3g}."
     )
-    remedy = ""
-    if mean := given.exposure * trial.scene.brightness:
-        remedy = (
-            f"{given.exposure:.4g} electrons where it is white would be some {mean:.4g} on average: light.exposure "
-            f"{mean / trial.electrons:.2g} times as long in the design gives as many."
-        )
-    yield Statement("caution", text, remedy)
+    yield Statement("plain", text)
 
 
 def statements(trial: Trial) -> Iterator[Statement]:
@@ -167,9 +167,9 @@ def statements(trial: Trial) -> Iterator[Statement]:
                 " That is of the part looked at, exposed to its own mean; `roslf evaluate` counts a texture over the "
                 "whole sensor, whose coarse detail makes whole parts brighter: there more of the field may be lost."
             )
-        remedy = f"Expose {0.9 / max(trial.brightest, 0.9):.2g} times as long (light.exposure)."
+        remedy = f"Expose {0.9 / max(trial.brightest, 0.9):.2g} times as long ({_exposure_key(trial)})."
         yield Statement("bad" if trial.saturated > 1 - FEW else "caution", text, remedy)
-    yield from _light_of_the_design(trial)
+    yield from _light_of_the_scene(trial)
     yield known(trial, summary)
     if trial.aliased > 0:
         text = f"Is the texture seen? In {_percent(trial.aliased)} of the field it aliases: finer than two microlenses."
