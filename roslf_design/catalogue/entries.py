@@ -300,8 +300,8 @@ class _SensorPart(Entry):
 
     @property
     def unstated(self) -> tuple[str, ...]:
-        """Its filters or its package; of none the glass that covers it."""
-        known = {"colour filters": self.colours or self.mono_too, "package": self.package}
+        """Its filters, full well or package; of none the glass that covers it."""
+        known = {"colour filters": self.colours or self.mono_too, "full well": self.full_well, "package": self.package}
         return (*(name for name, said in known.items() if not said), "cover glass")
 
     @property

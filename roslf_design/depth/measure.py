@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .._arrays import product, ratio
 from ..calibration.decoding import Decoder, LightField
 from ..calibration.frames import ColourBalance
+from ..calibration.lattice import CentreLattice
 from ..camera import Camera
 from ..design import Design
 from ..effects.waves import add_noise
@@ -523,18 +524,7 @@ def simulate(
     camera, part = actual.camera, options.part(design)
     scene = default_scene(design) if scene is None else scene.seen_by(design)
     framed = Framed.of(design, scene, part)
-    wide = framed.wide.drawn()
-    lattice = lattice_of(camera, wide)
-    if lattice.pitch < 1:
-        message = f"microlens images {lattice.pitch:.3g} pixels apart give no depth: coarser pitch, or finer pixels"
-        raise InputError((Problem("microlens_array.pitch", message),))
-    if actual.traced is not None:
-        lattice = actual.traced.lattice(lattice, lattice.inside((wide.rows, wide.columns)), float(camera.q))
-    origin = lattice.origin[0] + wide.column - part.column, lattice.origin[1] + wide.row - part.row
-    inside = replace(lattice, origin=origin).inside((part.rows, part.columns))
-    if not inside.size or (np.ptp(inside, axis=0) < LEAST - 1).any():
-        message = f"fewer than {LEAST} x {LEAST} microlens images lie in it; name a larger part of the sensor"
-        raise InputError((Problem("region", message),))
+    lattice, inside = _lattice_seen(actual, framed.wide.drawn(), part)
     met, stated = light_on(scene, actual, part), scene.mean_exposure
     mean = met * (float(electrons(camera)) if stated is None else stated)
     work = Work.of(design, options, framed, mean)
@@ -593,6 +583,29 @@ def simulate(
         believed, mean, picture, white, viewing, float((exposed >= 1).mean()), float(np.quantile(exposed, 0.999)),
         _aliased(camera, actual.traced, runs[0].field, _texture_of(scene), true), texture,
     )  # fmt: skip
+
+
+def _lattice_seen(actual: ArrayGeometry, wide: Region, part: Region) -> tuple[CentreLattice, NDArray[np.int64]]:
+    """Lattice of the images in what is rendered, and the microlenses of the part that is looked at.
+
+    Raises
+    ------
+    InputError
+        Images narrower than a pixel; too few of them.
+    """
+    camera = actual.camera
+    lattice = lattice_of(camera, wide)
+    if lattice.pitch < 1:
+        message = f"microlens images {lattice.pitch:.3g} pixels apart give no depth: coarser pitch, or finer pixels"
+        raise InputError((Problem("microlens_array.pitch", message),))
+    if actual.traced is not None:
+        lattice = actual.traced.lattice(lattice, lattice.inside((wide.rows, wide.columns)), float(camera.q))
+    origin = lattice.origin[0] + wide.column - part.column, lattice.origin[1] + wide.row - part.row
+    inside = replace(lattice, origin=origin).inside((part.rows, part.columns))
+    if not inside.size or (np.ptp(inside, axis=0) < LEAST - 1).any():
+        message = f"fewer than {LEAST} x {LEAST} microlens images lie in it; name a larger part of the sensor"
+        raise InputError((Problem("region", message),))
+    return lattice, inside
 
 
 def search_about(low: float, high: float) -> tuple[float, float]:

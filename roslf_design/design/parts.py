@@ -47,6 +47,8 @@ raw white frame of a light-field microscope before any flat field (0.013 rms fro
 pixel to pixel, shot noise included), below the 0.024 left between inner views of a processed 8-bit light field. Depths
 in such views err as if it were 0.09, as interpolated views share it (studies/depth/published.py).
 """
+USUAL_PIXEL, ALIKE = 3.45e-3, 2.0
+"""Pixel [mm] whose full well is assumed, and ratio of areas up to which another's is taken to be about the same."""
 MOST_PIXELS = 1_000_000
 """Largest number of pixels along one side of a sensor."""
 
@@ -410,6 +412,16 @@ class Sensor(OpticalPart):
     [rad]; None where nothing is known."""
     colours: Colours = "mono"
     """Filters on its pixels; rows count as in the raw image."""
+
+    @property
+    def well_unlike(self) -> bool:
+        """Whether its full well is the one assumed, and its pixels are unlike those that this is of."""
+        larger, assumed = (self.pixel / USUAL_PIXEL) ** 2, type(self).model_fields["full_well"].default
+        return bool(self.full_well == assumed and not 1 / ALIKE <= larger <= ALIKE)
+
+    def well_of(self, pixel: float) -> float:
+        """Electrons that pixels of another size hold [mm], where nobody states them: by area, of what its own hold."""
+        return float(self.full_well) * (pixel / (USUAL_PIXEL if self.well_unlike else float(self.pixel))) ** 2
 
     @field_validator("size", mode="after")
     @classmethod

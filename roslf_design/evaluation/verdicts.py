@@ -14,6 +14,7 @@ from ..camera import Camera
 from ..catalogue.entries import named_window, other_focal_length
 from ..design import Design
 from ..design.growth import NAMED_AT, not_known, not_named
+from ..design.parts import USUAL_PIXEL
 from ..lenses.glass import ROOM
 from ..shapes.lattice import PACKINGS
 from ..theory import tube
@@ -55,8 +56,6 @@ TAKEN_FIELD = 0.05
 """Share of the field without depth for full pixels from which it is told."""
 WIDEST_PIXEL = 0.05
 """Pixels wider than this are none of a sensor that takes pictures [mm]."""
-USUAL_PIXEL, ALIKE = 3.45e-3, 2.0
-"""Pixel [mm] whose full well is assumed, and ratio of areas up to which another's is taken to be about the same."""
 FAST, WIDE = 1.4, 46.0
 """f-number and full field [degrees] of a double Gauss lens, the fastest of the standard forms at such a field: the
 example of 50 mm in W. J. Smith, Modern Lens Design, p. 335."""
@@ -583,8 +582,7 @@ def named_otherwise(design: Design) -> Iterator[Verdict]:
 def full_well_doubt(design: Design) -> str:
     """Caution that the full well is taken as that of other pixels than the sensor's; empty where it is not."""
     sensor = design.sensor
-    larger, assumed = (sensor.pixel / USUAL_PIXEL) ** 2, type(sensor).model_fields["full_well"].default
-    if sensor.full_well != assumed or 1 / ALIKE <= larger <= ALIKE:
+    if not sensor.well_unlike:
         return ""
     return (
         f"full well assumed, {number(sensor.full_well)} electrons: of a pixel of {length(USUAL_PIXEL)}, and those of "

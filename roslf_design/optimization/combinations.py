@@ -30,6 +30,7 @@ from .problem import DesignProblem, sobol_units
 from .search import BIG
 
 FOCAL, _, DISTANCE = CONJUGATES
+FULL_WELL = "sensor.full_well"
 
 TRIED = 64
 """Places from which a first camera behind another lens is looked for."""
@@ -266,7 +267,8 @@ class Combinations:
         sensor, fields = self.problem.design.sensor, type(self.problem.design.sensor).model_fields
         declared = declared_by("sensors", sensor.part) if "sensors" in self.kinds else {}
         keys = {place: place.rpartition(".")[2] for place in declared}
-        return {place: fields[key].default for place, key in keys.items() if getattr(sensor, key) == declared[place]}
+        known = {place: getattr(sensor, key) for place, key in keys.items() if place != FULL_WELL}
+        return {place: fields[keys[place]].default for place, own in known.items() if own == declared[place]}
 
     def problem_at(self, number: int) -> DesignProblem:
         """The problem with a combination's parts; of the base design d_1 stays, and d_f follows a new lens.
@@ -282,6 +284,8 @@ class Combinations:
         numbers = {place: value for part in parts for place, value in self._numbers(part).items()}
         design, given = self.problem.design, {**self.problem.given, **numbers}
         declared = self._forgotten | {place: value for part in parts for place, value in part.declared.items()}
+        if (pixel := numbers.get(PATHS["q"])) is not None:
+            declared.setdefault(FULL_WELL, design.sensor.well_of(pixel))
         if declared:
             design = design.replace(declared)
         cut = any(part.is_cut for part in parts)

@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..progress import CountedProgress, silent
 from ..theory.quantity import FEASIBLE
 from .bounds import CORNERS, SLICES, Boxes, Refused, refused
-from .combinations import Combinations
+from .combinations import FULL_WELL, Combinations
 from .conflict import Conflict, explain
 from .problem import DesignProblem, promising_starts, sobol_units
 from .search import BIG, QUICK, Search, SearchBudget, violation_of
@@ -110,6 +110,13 @@ class Ranking:
         """Kind to the name of a combination's part."""
         chosen = self.combinations.chosen(number)
         return {kind: part.part for kind, part in zip(self.combinations.kinds, chosen, strict=True)}
+
+    @property
+    def with_assumed_well(self) -> tuple[str, ...]:
+        """Sensors of the best combinations that state no full well."""
+        listed = (part for ranked in self.best for part in self.combinations.chosen(ranked.number))
+        open_ = (part.part for part in listed if FULL_WELL in part.declares and FULL_WELL not in part.declared)
+        return tuple(dict.fromkeys(open_))
 
     def ordered(self, ranked: Ranked) -> dict[str, str]:
         """`named`, an array that is cut with its size."""

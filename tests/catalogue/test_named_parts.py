@@ -225,14 +225,14 @@ def test_a_sensor_that_a_study_chooses_has_not_what_the_one_before_declared(own,
 
 
 def test_what_nobody_states_of_a_sensor_is_said(capsys):
-    """Filters, package and cover glass: of each sensor what is known, else that it is not."""
+    """Filters, full well, package and cover glass: of each sensor what is known, else that it is not."""
     sensors = {part.part: part for part in load_catalogue().sensors}
     told = {name: (sensors[name].filters, sensors[name].unstated) for name in ("OV9734", "IMX290", "IMX477", "OV6948")}
     assert told == {
-        "OV9734": ("not stated", ("colour filters", "package", "cover glass")),
-        "IMX290": ("with and without", ("package", "cover glass")),
-        "IMX477": ("RGGB", ("package", "cover glass")),
-        "OV6948": ("not stated", ("colour filters", "cover glass")),
+        "OV9734": ("not stated", ("colour filters", "full well", "package", "cover glass")),
+        "IMX290": ("with and without", ("full well", "package", "cover glass")),
+        "IMX477": ("RGGB", ("full well", "package", "cover glass")),
+        "OV6948": ("not stated", ("colour filters", "full well", "cover glass")),
     }
     assert roslf.load("rigid-scope").replace({"sensor.part": "OV6948"}).sensor.package == (0.575, 0.575)
     assert main(["catalogue", "--kind", "sensors"]) == 0

@@ -80,10 +80,13 @@ def test_a_design_that_names_a_sensor_has_its_full_well_and_read_noise():
 def test_a_study_that_chooses_a_sensor_counts_its_full_well_and_bounds_do_not_rest_on_another():
     """Quantities whose extremes are bounded before a search are those that no declared number changes."""
     base = roslf.load("rigid-scope").replace({"sensor.full_well": 5000.0})
+    per_area = 5000.0 / base.sensor.pixel**2
     problem = posed({"d_2": (0.2, 20.0)}, (), goal("sigma_z_mm", "min"), design=base)
     combinations = Combinations.of(problem, load_catalogue(), ("sensors",))
     chosen = [combinations.problem_at(k).design.sensor for k in range(len(combinations))]
-    assert [sensor.full_well for sensor in chosen] == [SENSORS[one.part].full_well or 5000.0 for one in chosen]
+    held = [SENSORS[one.part].full_well or per_area * SENSORS[one.part].pixel ** 2 for one in chosen]
+    assert [sensor.full_well for sensor in chosen] == pytest.approx(held, rel=1e-12)
+    assert 5 < sum(SENSORS[one.part].full_well is None for one in chosen) < len(chosen)
     few, many = (
         Camera.of(base.replace({"sensor.full_well": well, "sensor.read_noise": noise}))
         for well, noise in ((4000.0, 9.0), (40_000.0, 1.0))
@@ -93,6 +96,14 @@ def test_a_study_that_chooses_a_sensor_counts_its_full_well_and_bounds_do_not_re
     assert len(bounded) > 20
     for quantity, at in bounded:
         assert quantity(few, at) == pytest.approx(quantity(many, at), nan_ok=True, rel=1e-12), quantity.name
+
+
+def test_a_full_well_that_nobody_states_goes_by_the_pixel_it_is_known_of():
+    """By hand: 10 500 electrons are those of 3.45 um, whatever the design's pixels; 9000 are those of the design's."""
+    sensor = roslf.load("rigid-scope").sensor
+    for own, pixel, of in ((10_500.0, 2e-3, 3.45e-3), (10_500.0, 4e-3, 4e-3), (9_000.0, 2e-3, 2e-3)):
+        known = sensor.model_copy(update={"full_well": own, "pixel": pixel})
+        assert known.well_of(2.4e-3) == pytest.approx(own * (2.4e-3 / of) ** 2, rel=1e-14)
 
 
 def test_sensors_are_listed_by_size_and_found_by_electrons(capsys):

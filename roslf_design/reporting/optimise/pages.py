@@ -500,7 +500,9 @@ def _tables(result: Result) -> Iterator[Table]:
         told = f"Of the limits that were judged; not judged: {in_words(listed(unjudged))}." if unjudged else ""
         yield Table.of(answer.conflict.relaxations, columns, "What stands in the way", told)
     if result.ranking is not None and result.ranking.best:
-        yield replace(_parts(result.ranking), caption=caption)
+        assumed = result.ranking.with_assumed_well
+        well = f"Full well by area of pixels, as nobody states it: {listed(assumed)}." if assumed else ""
+        yield replace(_parts(result.ranking), caption=" ".join(filter(None, (caption, well))))
     if result.ranking is not None and result.ranking.left_out:
         yield _left_out(result.ranking)
 
