@@ -352,7 +352,7 @@ def _decode(content: bytes, origin: str) -> str:
     for name, half in (("utf-16-le", content[1:400:2]), ("utf-16-be", content[0:400:2])):
         if guess is None and 2 * half.count(0) > len(half):  # no mark, but every other byte is zero
             guess = name
-    for encoding in (guess,) if guess else ("utf-8", "latin-1"):
+    for encoding in (guess,) if guess else ("utf-8", "cp1252", "latin-1"):
         try:
             text = content.decode(encoding)
         except UnicodeDecodeError as error:
@@ -372,7 +372,8 @@ def _parse_zmx(text: str, origin: str = "") -> Prescription:
     rows: list[_Row] = []
     head: dict[str, str] = {}
     waves: dict[int, float] = {}
-    for number, line in enumerate(text.splitlines(), start=1):
+    # Comments of any code page may hold what Python takes for ends of lines.
+    for number, line in enumerate(re.split(r"\r\n|\r|\n", text), start=1):
         words = line.split()
         if not words:
             continue
@@ -529,6 +530,8 @@ def _assemble(rows: list[_Row], scale: float, problems: list[Problem]) -> tuple[
         problems.append(Problem(f"line {kept[which][0].line}", problem.message))
     guessed = [str(n) for n, (row, _) in enumerate(kept, start=1) if row.automatic and row.aperture == 0]
     note = f"; clear diameters of surfaces {', '.join(guessed)} are the file's automatic ones" if guessed else ""
+    if len(surfaces) > 2 and not any(surface.curvature or any(surface.asphere) for surface in surfaces[-2:]):
+        note += f"; surfaces {len(surfaces) - 1} and {len(surfaces)}, a plane plate, are counted as the lens's own"
     return surfaces, note
 
 
@@ -545,7 +548,10 @@ def _row_faults(row: _Row, *, last: bool, real: bool) -> Iterator[str]:
     if row.thickness == math.inf and not last:
         yield "the thickness after the surface that begins here is infinite; only the object's may be"
     if last and row.glass != AIR:
-        yield f"the last lens surface ends in {row.glass.name}; is the file cut off?"
+        yield (
+            f"the last lens surface ends in {row.glass.name}; is the file cut off? A cover glass on the image is the "
+            "design's, sensor.cover: drop it here"
+        )
 
 
 def _without_dummies(rows: list[_Row]) -> Iterator[tuple[_Row, float]]:

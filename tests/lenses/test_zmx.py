@@ -143,6 +143,89 @@ def test_planes_in_air_are_left_out_unless_they_stop_light():
     assert a == pytest.approx(b, rel=1e-14)
 
 
+PLATE = "  GLAS N-BK7 0 0 1.5 64 0 0 0 0 0 0\n"
+HEAD, *PARTS = GOOD.split("SURF ")
+UNSTOPPED = PARTS[1].replace("  STOP\n", "")
+
+
+def plane(thickness, semi=5.0, before="", after=""):
+    return f'x\n{before}  TYPE STANDARD\n  CURV 0.0 0 0 0 0 ""\n{after}  DISZ {thickness}\n  DIAM {semi} 0 0 0 1 ""\n'
+
+
+def surfaces(*parts):
+    """A file of these surfaces, numbered."""
+    return "SURF ".join([HEAD, *(f"{i}\n" + part.split("\n", 1)[1] for i, part in enumerate(parts))])
+
+
+def covered(*behind):
+    """The achromat with more surfaces from 38 mm behind it to the image."""
+    return surfaces(*PARTS[:3], PARTS[3].replace("DISZ 43.2\n  MAZH 0 0", "DISZ 38"), *behind, PARTS[4])
+
+
+FIELDS = "FTYP 0 0 1 3 0 0 0\nXFLN 0 0 0\nYFLN 0 0 0\n"
+AS_IT_IS = {
+    "a field on the axis alone": GOOD.replace(FIELDS, "FTYP 0 0 1 1 0 0 0\nXFLN 0\nYFLN 0\n"),
+    "no fields": GOOD.replace(FIELDS, ""),
+    "vignetting factors": GOOD.replace(FIELDS, FIELDS + "VDXN 0 0 0\nVDYN 0 0.1 0.1\nVCYN 0 0.2 0.4\nVANN 0 0 0\n"),
+    "vignetting factors, one a line": GOOD.replace(FIELDS, FIELDS + "FWGT 1\nXFLD 0\nZVDY 0.1\nZVCY 0.3\nZVAN 0\n"),
+    "a place to measure from, in front": surfaces(PARTS[0], plane(-6), *PARTS[1:]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("variant", AS_IT_IS)
+def test_what_a_file_says_of_fields_and_places_is_nothing_of_the_lens(variant):
+    assert _parse_zmx(AS_IT_IS[variant], "").surfaces == _parse_zmx(GOOD, "").surfaces
+
+
+@pytest.mark.parametrize(
+    ("encoding", "comment"),
+    [("utf-16", "\u524d\u9762"), ("utf-16-le", "\u00d6ffnung"), ("cp1252", "front\u2026 \u2013 \u201cachromat\u201d"),
+     ("shift_jis", "\u8868\u9762\u30bd"), ("cp1251", "\u043b\u0438\u043d\u0437\u0430"), ("mac_roman", "\u00d6ffnung"),
+     ("utf-8", "front\u2028face\u0085")],
+)  # fmt: skip
+def test_comments_of_any_code_page_end_no_line(tmp_path, encoding, comment):
+    path = tmp_path / "lens.zmx"
+    text = GOOD.replace("COMM front", f"COMM {comment}").replace("NOTE 0", f"NOTE 0 {comment}")
+    path.write_bytes(text.encode(encoding))
+    assert load_lens(path).surfaces == _parse_zmx(GOOD, "").surfaces
+
+
+def test_a_stop_in_front_and_a_cover_glass_behind_are_read_where_they_stand():
+    lens = _parse_zmx(GOOD, "")
+    stopped = _parse_zmx(surfaces(PARTS[0], plane(6, 3.0, "  STOP\n"), UNSTOPPED, *PARTS[2:]), "a.zmx")
+    assert stopped.surfaces[1:] == lens.surfaces
+    assert (stopped.surfaces[0].semi_diameter, stopped.surfaces[0].thickness) == (3.0, 6.0)
+    for behind in (3, 0):
+        plated = _parse_zmx(covered(plane(0.5, after=PLATE), plane(behind)), "a.zmx")
+        assert "surfaces 4 and 5, a plane plate, are counted as the lens's own" in plated.source
+        assert plated.surfaces[2].thickness == 38
+        assert (plated.surfaces[3].thickness, plated.surfaces[3].glass.name) == (0.5, "N-BK7")
+        assert first_order(plated, 550e-6).focal_length == pytest.approx(
+            first_order(lens, 550e-6).focal_length, rel=1e-12
+        )
+    assert "plate" not in lens.source
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            surfaces(PARTS[0], plane(6, 0, "  STOP\n"), UNSTOPPED, *PARTS[2:]),
+            "has no clear diameter; give DIAM or CLAP",
+        ),
+        (surfaces(PARTS[0], plane(-6, 3, "  STOP\n"), UNSTOPPED, *PARTS[2:]), "-6 mm must not be negative; order"),
+        (
+            covered(plane(0.5, after=PLATE)),
+            "ends in N-BK7; .* A cover glass on the image is the design",
+        ),
+    ],
+)
+def test_stops_and_cover_glasses_that_cannot_be_are_one_message(text, words):
+    with pytest.raises(LensError, match=words) as caught:
+        _parse_zmx(text, "a.zmx")
+    assert len(caught.value.problems) == 1
+
+
 def swap(old, new, count=1):
     assert old in GOOD
     return GOOD.replace(old, new, count)
