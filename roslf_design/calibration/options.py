@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import BeforeValidator, Field, StrictBool, field_validator, model_validator
 
@@ -196,6 +196,7 @@ def calibration_plan(design: Design, asked: PlanOptions, distortion: int | None 
     except CalibrationError as error:
         return " ".join(str(error).split())
     try:
+        serves = cache(partial(_Service.of, design, captures, asked))
         return plan(
             camera_of(design),
             sheet,
@@ -203,7 +204,7 @@ def calibration_plan(design: Design, asked: PlanOptions, distortion: int | None 
             distortion=distortion,
             seed=asked.seed,
             white=asked.white_sigma,
-            accepts=lambda other: _accepted(design, asked, captures, other),
+            accepts=lambda other: _accepted(design, asked, captures, serves(), other),
         )
     except CalibrationError as error:
         text, why = " ".join(str(error).split()), reason(captures)
@@ -253,7 +254,29 @@ def wider_board(design: Design, captures: Captures, asked: PlanOptions) -> str:
     return other.board if other.board is not None and fewer < missed else ""
 
 
-def _accepted(design: Design, asked: PlanOptions, captures: Captures, other: Captures) -> bool:
+class _Service(NamedTuple):
+    """What boards are good for."""
+
+    covered: frozenset[float]
+    """Distances asked for that they cover [mm]."""
+    misplaced: tuple[float, float]
+    """As of `misplaced` [mm]."""
+    too_large: bool
+    """Whether the sensor does not see them whole."""
+
+    @classmethod
+    def of(cls, design: Design, captures: Captures, asked: PlanOptions) -> _Service:
+        """Of captures of a design."""
+        covered = frozenset(plan_cover(design, captures, asked).covered_mm)
+        return cls(covered, misplaced(design, captures), bool(too_large(design, captures)))
+
+    def at_least(self, other: _Service) -> bool:
+        """Whether these serve wherever others do."""
+        no_worse = all(own <= its for its, own in zip(other.misplaced, self.misplaced, strict=True))
+        return other.covered <= self.covered and no_worse and self.too_large <= other.too_large
+
+
+def _accepted(design: Design, asked: PlanOptions, captures: Captures, serves: _Service, other: Captures) -> bool:
     """True where a plan of `other` captures could be asked for, and its boards served wherever those planned do."""
     board = other.board.text if other.board != captures.board else asked.board
     poses = {"boards": other.boards, "tilt": other.tilt, "noise": other.noise, "board": board}
@@ -264,9 +287,7 @@ def _accepted(design: Design, asked: PlanOptions, captures: Captures, other: Cap
         made = _captures_for(design, again)
     except (CalibrationError, InputError):
         return False
-    covered, after = (set(plan_cover(design, one, asked).covered_mm) for one in (captures, made))
-    no_worse = all(new <= old for old, new in zip(misplaced(design, captures), misplaced(design, made), strict=True))
-    return covered <= after and no_worse and bool(too_large(design, made)) <= bool(too_large(design, captures))
+    return _Service.of(design, made, asked).at_least(serves)
 
 
 def _wanted(design: Design, asked: PlanOptions) -> list[float]:

@@ -388,12 +388,15 @@ def variance_shares(
     for datum in data:
         steps[datum.name] = known.gain[:, [source == datum.name for source in known.sources]].T
 
-    def variance(step: Array) -> dict[str, float]:
-        ends = (known.best + 0.01 * step, known.best - 0.01 * step)
-        ahead, behind = (derived(at[:, :count], sheet, at[:, count:].T) for at in ends)
-        return {name: float(np.square((ahead[name] - behind[name]) / 0.02).sum()) for name in QUANTITIES}
-
-    parts = {source: variance(step) for source, step in steps.items()}
+    every = np.concatenate([*steps.values()])
+    ends = np.concatenate([known.best + 0.01 * every, known.best - 0.01 * every])
+    lengths = derived(ends[:, :count], sheet, ends[:, count:].T)
+    of_source = np.cumsum([len(step) for step in steps.values()])[:-1]
+    parts: dict[str, dict[str, float]] = {source: {} for source in steps}
+    for name in QUANTITIES:
+        ahead, behind = np.split(np.broadcast_to(lengths[name], len(ends)), 2)
+        for source, moved in zip(steps, np.split((ahead - behind) / 0.02, of_source), strict=True):
+            parts[source][name] = float(np.square(moved).sum())
     shares = {}
     for name in QUANTITIES:
         total = sum(part[name] for part in parts.values())
