@@ -174,8 +174,8 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
 
 def _explained(problem: DesignProblem, points: Sequence[Array], budget: SearchBudget, seed: int) -> Conflict:
     sided = problem.one_sided()
-    pool = _Pool(sided, budget, [*points, *problem.drawn, *sobol_units(problem.n, FRESH_POINTS, seed + 1)])
     every = frozenset(range(len(sided.constraints)))
+    pool = _Pool.about(sided, points, budget, seed)
     unit = pool.nearest(every)
     rows = np.nan_to_num(sided.limits(unit[None])[:, 0], nan=BIG)
     violation = violation_of(rows)
@@ -232,6 +232,11 @@ class _Pool:
         self.owner = np.array([row.constraint for row in self.problem.rows])
         self.units, self.over = np.empty((0, problem.n)), np.empty((1 + len(problem.constraints), 0))
         self.add(np.concatenate([np.clip(np.stack(starts), 0, 1), sobol_units(problem.n, LOOKED_AT // self.cost, 5)]))
+
+    @classmethod
+    def about(cls, problem: DesignProblem, points: Sequence[Array], budget: SearchBudget, seed: int) -> _Pool:
+        """Points about which to look: those given, of the base design, and others."""
+        return cls(problem, budget, [*points, *problem.drawn, *sobol_units(problem.n, FRESH_POINTS, seed + 1)])
 
     def add(self, units: Array) -> None:
         """Look at further points."""

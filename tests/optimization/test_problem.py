@@ -228,17 +228,22 @@ def test_boxes_hold_nothing_beyond_their_bounds(boxed, name):
     assert len(boxed) > 10
     scale = least_of.problem.goal_scale(0)
 
-    def bound(combinations, low, high, *limits):
+    def bounds(combinations, low, high, *limits):
         scaled = replace(combinations.problem, constraints=limits, scales=((scale,) * len(limits), (scale,)))
         held = replace(combinations, problem=scaled)
-        return Boxes(held, np.zeros(1, np.intp), low[None], high[None]).bound()[0]
+        return Boxes(held, np.zeros(len(low), np.intp), low, high).bound()
 
-    for low, high, cameras in boxed:
+    def bound(combinations, low, high, *limits):
+        return bounds(combinations, low[None], high[None], *limits)[0]
+
+    lows, highs = (np.stack(ends) for ends in list(zip(*boxed, strict=True))[:2])
+    told = zip(boxed, bounds(least_of, lows, highs), bounds(most_of, lows, highs), strict=True)
+    for (low, high, cameras), *of_box in told:
         with np.errstate(all="ignore"):
             values = least_of.problem.goals[0].values(cameras)
         least, most = float(values.min()), float(values.max())
-        for combinations, sign, extreme in ((least_of, 1, least), (most_of, -1, most)):
+        for own, sign, extreme in zip(of_box, (1, -1), (least, most), strict=True):
             merit = np.log(extreme) if quantity.positive else extreme / scale
-            assert sign * merit >= bound(combinations, low, high) - 1e-12 * (1 + abs(merit)), (low, high)
+            assert sign * merit >= own - 1e-12 * (1 + abs(merit)), (low, high)
         assert bound(least_of, low, high, limit(name, None, least, at)) < np.inf, (low, high)
         assert bound(least_of, low, high, limit(name, most, None, at)) < np.inf, (low, high)
