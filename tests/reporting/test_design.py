@@ -18,6 +18,7 @@ from roslf_design.design.files import WRITTEN
 from roslf_design.drawing import solid
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
+from roslf_design.evaluation.result import seen_table
 from roslf_design.reporting.blocks import Code, Figure, Report, Section, Statement, Statements, Table
 from roslf_design.reporting.design.compare import comparison_report
 from roslf_design.reporting.design.figures import _picture_sheet, dimensions_sheet
@@ -367,21 +368,24 @@ def test_reports_that_git_keeps_are_made_without_a_date(root):
 
 
 @pytest.mark.parametrize("name", THROUGH)
-def test_a_report_lists_what_stands_before_the_lens(name):
+def test_table_parts_and_drawing_list_what_stands_before_the_lens(name):
     design = THROUGH[name]
-    report = design_report(design)
-    (table,) = [table for table in blocks(report, Table) if table.title.startswith("Beside the main lens")]
-    told = {row[0]: row for row in table.rows}
+    told = {row[0]: row for row in seen_table(evaluate(design)).rows}
     (parts,) = [block for block in parts_section(design).blocks if isinstance(block, Table)]
     bought = " | ".join(row[1] for row in parts.rows)
     for k, element in enumerate(design.elements, 1):
         assert float(told[f"{element.kind} {k}"][2].split()[0]) == element.distance
         assert f"({element.kind} {k})" in bought
-    figures = {figure.name: figure for figure in blocks(report, Figure)}
-    assert all(f"{e.kind} {k}" in figures["dimensions"].content for k, e in enumerate(design.elements, 1))
+    drawn = dimensions_sheet(design).content
+    assert all(f"{e.kind} {k}" in drawn for k, e in enumerate(design.elements, 1))
     tip = max(design.d_3, *(e.distance + e.length for e in design.elements))
     assert evaluate(design).answer.working_distance_mm == pytest.approx(design.d_f - tip, rel=1e-4)
-    assert render_html(report)
+
+
+def test_a_report_behind_elements_is_whole_and_tells_them(without_figures):
+    report = design_report(THROUGH["prism and cover"])
+    Page(render_html(report))
+    assert [table for table in blocks(report, Table) if table.title.startswith("Beside the main lens")]
 
 
 def test_windows_are_looked_for_in_the_catalogue():
