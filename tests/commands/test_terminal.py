@@ -12,6 +12,7 @@ import pytest
 from roslf_design.cli import main
 from roslf_design.commands.terminal import StatusLine, _Log, bar, status_and_bars, tell_cost, typed
 from roslf_design.words import about_time
+from tests.commands.test_datasheet import STUDY
 from tests.reporting.made import few_builds, few_waves
 
 
@@ -186,26 +187,14 @@ def test_a_bar_that_nothing_is_told_yet_says_that_loops_are_compiled(monkeypatch
     assert "compiling, once on this machine" in shown.getvalue()
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["optimize", "studies/optimize-rigid-scope/study.toml"],
-        ["report", "paper"],
-        ["tolerance", "studies/tolerance-scope/study.toml", "--trials", "600"],
-    ],
-)
-def test_long_commands_say_in_a_log_how_far_they_are(command, tmp_path, monkeypatch, capsys, root):
+def test_a_long_command_says_in_a_log_how_far_it_is(tmp_path, monkeypatch, capsys):
+    """Of an optimum and a report `tests/optimization/test_study.py` and `tests/explorer/test_session.py` look."""
     monkeypatch.setattr("roslf_design.commands.terminal.LOGGED", 0.0)
     few_builds(monkeypatch)
     few_waves(monkeypatch)
-    monkeypatch.chdir(root)
-    if command[0] == "optimize":
-        text = (root / command[1]).read_text()
-        (tmp_path / "start.toml").write_text((root / "studies/optimize-rigid-scope/start.toml").read_text())
-        (tmp_path / "study.toml").write_text(re.sub(r"(?ms)^\[(pareto|robust|solver|\[robust).*?(?=^\[|\Z)", "", text))
-        command = ["optimize", str(tmp_path / "study.toml")]
-    assert main([*command, "-o", str(tmp_path / "out")]) == 0
+    (tmp_path / "study.toml").write_text(STUDY)
+    assert main(["tolerance", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--trials", "600"]) == 0
     lines = capsys.readouterr().err.splitlines()
-    assert any(re.fullmatch(rf"{command[0]}: .*: \d+%, about [\d.e+-]+ s left", line) for line in lines)
-    if command[0] == "tolerance":  # trials are a part of it, and of few the least
-        assert any(line.startswith("tolerance: analyses: ") and line.endswith(" left") for line in lines)
+    assert any(re.fullmatch(r"tolerance: .*: \d+%, about [\d.e+-]+ s left", line) for line in lines)
+    # Trials are a part of it, and of few the least.
+    assert any(line.startswith("tolerance: analyses: ") and line.endswith(" left") for line in lines)

@@ -517,7 +517,7 @@ def test_the_report_is_made_of_the_design_as_it_is_in_a_process_of_its_own(monke
     assert session.page()["reporting"] == ""
 
 
-def test_the_report_is_the_one_of_its_command_and_tells_how_much_is_done(monkeypatch, tmp_path):
+def test_the_report_is_the_one_of_its_command_and_tells_how_much_is_done(monkeypatch, tmp_path, capsys):
     few_builds(monkeypatch)
     without_figures(monkeypatch)
     shares = []
@@ -526,7 +526,10 @@ def test_the_report_is_the_one_of_its_command_and_tells_how_much_is_done(monkeyp
     assert shares == sorted(shares)
     monkeypatch.chdir(tmp_path)
     Path("Zhou-2023-bench-system.toml").write_text(dumps(PAPER))
+    monkeypatch.setattr("roslf_design.commands.terminal.LOGGED", 0.0)
     assert main(["report", "Zhou-2023-bench-system.toml", "-o", "report"]) == 0
+    log = capsys.readouterr().err
+    assert re.search(r"^report: .*: \d+%, about [\d.e+-]+ s left$", log, re.MULTILINE)
     assert page == Path("report/index.html").read_bytes()
 
 
