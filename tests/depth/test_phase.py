@@ -10,13 +10,12 @@ import roslf_design as roslf
 from roslf_design.calibration.decoding import Decoder, LightField
 from roslf_design.camera import Camera
 from roslf_design.depth import geometry
-from roslf_design.depth import measure as measuring
 from roslf_design.depth.estimate import PixelNoise, estimate_disparity
 from roslf_design.depth.geometry import ArrayGeometry, depth_of
 from roslf_design.depth.measure import measure, simulate
 from roslf_design.depth.phases import _settled as settled
 from roslf_design.depth.phases import _strength as strength_of
-from roslf_design.depth.pictures import Framed, PictureOptions, Unexposed, chief_rays, lattice_of, region_about
+from roslf_design.depth.pictures import Framed, PictureOptions, Unexposed, chief_rays, lattice_of
 from roslf_design.depth.unmixing import _as_they_stand as as_they_stand
 from roslf_design.design import Design
 from roslf_design.imaging.camera import Region
@@ -214,33 +213,6 @@ def test_depth_away_from_the_focal_plane(monkeypatch):
     assert found.spread_mm < 0.6
 
 
-def test_rims_that_move_over_a_microlens_shift_nothing(monkeypatch):
-    """A main lens cuts images, the more the farther to one side: each microlens's sides see other parts of the FAP.
-
-    What views see aside for that, whatever the disparity, phases know nothing of: .025 pitches off where they do.
-    """
-    fewer_rays(monkeypatch)
-    monkeypatch.setattr(measuring, "add_noise", lambda pixels, full, dark, generator: pixels)
-    monkeypatch.setattr(measuring, "with_shared_light", lambda *given: given[4:6])  # noise alone gets less by it
-    design = Design.make({
-        "name": "cut",
-        "main_lens": {"focal_length": 6.0, "diameter": 2.03, "focal_plane": 18.0},
-        "aperture": {"diameter": 0.5, "distance": 8.8},
-        "microlens_array": {"pitch": 0.022, "focal_length": 0.15, "size": [1.6, 1.3]},
-        "sensor": {"distance": 0.15, "pixel": 1.76e-3, "size": [1.4, 1.0]},
-        "light": {"wavelength": 0.00057},
-    })  # fmt: skip
-    place, step = (0.45, 0.0), float(roslf.quantity("object_sample_mm")(Camera.of(design)))
-    assert MicrolensImages(Camera.of(design), [place]).shapes.kept_fraction < 0.9
-    texture = {"kind": "noise", "finest": 2.5 * step, "contrast": 0.1, "seed": 1}
-    scene = make_scene({"objects": [{"kind": "plane", "distance": 18.0, "texture": texture}]})
-    trial = simulate(design, scene, PictureOptions(region=region_about(design, place, 13), rays=32))
-    off = trial.first.disparities.disparity[trial.compared]
-    assert off.size > 80
-    # Rays scatter by .007 in each of some five windows, by .003 in their mean.
-    assert abs(off.mean()) < 0.007
-
-
 def test_neighbours_light_is_cut_where_they_stand():
     """A rim moves from one microlens to the next: what a neighbour sends is what it sends at its own place."""
     fap = 1.3 * roslf.load("paper").D_F
@@ -290,7 +262,11 @@ def test_light_of_cut_images_is_that_of_a_white_picture_where_hexagonal_microlen
 
 
 def test_views_of_images_cut_within_few_microlenses_look_where_gratings_are_seen():
-    """A rim that takes images from whole to nothing within four microlenses: pupils and neighbours both differ."""
+    """A rim that takes images from whole to nothing within four microlenses: pupils and neighbours both differ.
+
+    A microlens's sides see other parts of the FAP: what views see aside for that, whatever the disparity, phases know
+    nothing of. Taken for none it moves them by up to half a pitch here.
+    """
     design = Design.make({
         "name": "near rim",
         "main_lens": {"focal_length": 6.939, "diameter": 3.0, "focal_plane": 20.5},
