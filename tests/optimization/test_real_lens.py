@@ -9,9 +9,10 @@ import pytest
 from scipy.optimize import brentq, differential_evolution
 
 import roslf_design as roslf
+from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design import preset_path
-from roslf_design.evaluation.specification import FieldImages
+from roslf_design.evaluation.specification import FieldImages, ObjectField
 from roslf_design.optimization import Constraint, Goal, Settings, pareto_front, solve
 from roslf_design.optimization.search import SearchBudget
 from roslf_design.optimization.solve import solve_by_rays
@@ -110,14 +111,16 @@ def test_an_entrance_pupil_behind_the_lens_stands_in_no_one_s_way():
     assert own.kept_fraction[1] == 1
 
 
-def test_a_field_of_the_whole_camera_is_held_as_rays_tell_it(without_views):
-    """The nearest focal plane on which the traced field is wide enough, by bisection over data sheets."""
+def test_a_field_of_the_whole_camera_is_held_as_rays_tell_it():
+    """The nearest focal plane on which the traced field is wide enough, by bisection over data sheets' fields."""
     design = SINGLET.replace({"sensor.distance": SINGLET.d_2, "main_lens.focal_plane": 350.0})
     limit = Constraint(quantity="field_half_width_mm", min=31.0)
     problem = posed({"d_f": (250, 450)}, [limit], Goal(quantity="sigma_z_mm", direction="min"), design=design)
 
     def room(plane):
-        return roslf.specification(design.replace({"main_lens.focal_plane": plane})).object_field[1].width_mm / 2 - 31.0
+        moved = design.replace({"main_lens.focal_plane": plane})
+        ahead = float(roslf.quantity("working_distance_mm")(Camera.of(moved)))
+        return ObjectField.of(FieldImages.of(moved).ends, ahead, "focal plane").width_mm / 2 - 31.0
 
     known = brentq(room, 250, 450, xtol=1e-5)
     settings = Settings(starts=2, check=False)

@@ -10,13 +10,12 @@ from scipy.optimize import brentq
 from roslf_design.design import load
 from roslf_design.errors import InputError
 from roslf_design.reporting.tolerance.pages import remedies, tables, travel_words
-from roslf_design.tolerancing.budgets import budget
+from roslf_design.tolerancing.budgets import _adjusted, _Builds, search_trials, searched_builds
 from roslf_design.tolerancing.places import load_grades, nominal_values
 from roslf_design.tolerancing.result import analyse
 from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.study import plan_from, tolerance_plan
 from roslf_design.tolerancing.trials import lengths_built, measure, one_trial
-from roslf_design.tolerancing.yields import Yield
 
 D_1 = "microlens_array.distance"
 FOCUS = {"place": "d_1", "aim": "focus"}
@@ -350,7 +349,9 @@ def test_a_thread_is_as_long_as_units_ask():
     relay = load("cystoscope")
     plan, read, grades = study(relay, goals, grade="high", exclude=beside_the_form(relay), trials=256)
     builds = plan.draws.deviations(plan.draws.uniforms(0, plan.chunk, 0, 256))
-    (change,) = (one for one in budget(plan, read, grades, Yield(9, 256)).adjustments if one.aim == "focus")
+    now, trials = _Builds(plan.limited, np.ones(len(plan.draws.perturbations))), searched_builds(plan)
+    adjusted = _adjusted(now, grades, search_trials(trials, read.yield_target))
+    (change,) = (one for one, _ in adjusted if one.aim == "focus")
     ((place, _, travel),) = change.steps
     values = {**nominal_values(relay)} | plan.draws.values(builds)
     first = [focused(relay, {p: np.broadcast_to(v, 256)[k] for p, v in values.items()}) for k in range(16)]
