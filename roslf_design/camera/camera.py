@@ -26,13 +26,10 @@ from ..design.growth import Growth
 from ..design.parts import BEHIND, PATHS, widening
 from ..design.required import ROUND_ANGLE, ROUND_RADIUS, Required
 from ..errors import expect
-from ..lenses.glass import ROOM
+from ..lenses.glass import ROOM, Glass
 from ..toml_files import nearest
 from .numbers import TEMPERATURES, TIP, TYPES, numbers_of, possible
 from .poses import PosedParts
-
-if TYPE_CHECKING:
-    from ..lenses.glass import Glass
 
 APPARENT = ("d_f", "d_1", "d_2", "d_3", "D_F", "H", "inverse_H", "A", "m", "inverse_m", "gap", "vergence")
 """Lengths, and what follows from them, that the main lens may see otherwise than a ruler."""

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
@@ -19,6 +19,7 @@ from ..accuracy.statement import check_accuracy
 from ..accuracy.table import QUANTITIES, cache_file, check_quantity, current_table
 from ..errors import Argument, InputError, Problem
 from ..options import Options
+from ..reporting.blocks import Report
 from ..reporting.lens_words import lens_words
 from ..reporting.printers import page_files
 from ..scenes import load_scene
@@ -40,9 +41,6 @@ from .terminal import (
     write_file,
     write_files,
 )
-
-if TYPE_CHECKING:
-    from ..reporting.blocks import Report
 
 MOST_JOBS = 10_000
 _PACKAGE = Path(__file__).resolve().parent.parent

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from .._version import __version__
 from ..design.files import KINDS
@@ -20,6 +20,7 @@ from ..drawing.svg import file_of
 from ..errors import Argument, InputError, Problem, refusal
 from ..evaluation.evaluate import check_evaluation_accuracy
 from ..options import Options
+from ..reporting.blocks import Report
 from ..reporting.calibrate.pages import read_calibration
 from ..reporting.design.compare import comparison_report, comparison_title
 from ..reporting.design.instrument import instrument_scene
@@ -43,9 +44,6 @@ from .terminal import (
     typed,
     write_files,
 )
-
-if TYPE_CHECKING:
-    from ..reporting.blocks import Report
 
 SOLID = {"model": "model.vtp", "3d": "3d.png"}
 """Name of a 3D file to its file name."""

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
@@ -17,18 +17,15 @@ from ..bore.conjugates import CONJUGATES
 from ..bore.part import TEMPERATURE
 from ..design import PATHS, Design
 from ..errors import InputError, one_line, refusal
+from ..evaluation.sweep import Sweep, unit_of
 from ..evaluation.sweep import sweep as compute
-from ..evaluation.sweep import unit_of
 from ..reporting.sweep import sweep_picture
 from ..theory.limits import as_design, limits
+from ..theory.quantity_table import QuantityTable
 from ..toml_files import nearest
 from ..units import read_quantity
 from .report import folder_name
 from .terminal import DesignName, OptionalOutput, bar, check_target, read_distances, say, write_file
-
-if TYPE_CHECKING:
-    from ..evaluation.sweep import Sweep
-    from ..theory.quantity_table import QuantityTable
 
 KINDS = (".png", ".svg", ".csv", ".parquet")
 MARK = "roslf_sweep_point"

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..._arrays import by_value
 from ..._version import __version__
 from ...calibration.centres import Reason
 from ...calibration.cover import BoardCover
+from ...calibration.diffraction import DiffractionCheck
+from ...calibration.distortion import Distortion
 from ...calibration.fit import VISIBLE
 from ...calibration.misfit import DISAGREE
 from ...calibration.model import QUANTITIES, UNITS, derived
@@ -42,6 +44,7 @@ from ...evaluation.required import required_of
 from ...evaluation.working_range import WorkingRange
 from ...input_files import read_bytes
 from ...theory.depth_budget import DepthBudget, depth_budget
+from ...theory.length_covariance import LengthCovariance
 from ...tolerancing.places import short_name
 from ...words import clauses, length, listed, number, rounded, sentence, uncertainty
 from ..blocks import (
@@ -60,11 +63,6 @@ from ..blocks import (
 )
 from ..design.pages import TONES
 from . import pictures
-
-if TYPE_CHECKING:
-    from ...calibration.diffraction import DiffractionCheck
-    from ...calibration.distortion import Distortion
-    from ...theory.length_covariance import LengthCovariance
 
 MARKED: tuple[Trust, ...] = ("good", "caution", "bad")
 """Trust in quantities, the best first."""

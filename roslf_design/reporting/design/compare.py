@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from ...design import Design
 from ...evaluation import evaluate
-from ...evaluation.result import effects_table, fact_tables, field_table
+from ...evaluation.result import Evaluation, effects_table, fact_tables, field_table
 from ...progress import CountedProgress, silent
 from ...theory.colours import PIXEL_FILTERS
 from ...words import length
@@ -17,10 +17,6 @@ from .figures import PLACES
 from .microlens import microlens_images
 from .pages import making, misalignments, parameter_rows, verdicts
 from .rays import ray_diagrams
-
-if TYPE_CHECKING:
-    from ...design import Design
-    from ...evaluation.result import Evaluation
 
 DIFFERENT, SAME, ABSENT = "≠", "", "-"
 LETTERS = "ABC"

@@ -6,14 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..._arrays import Array
 from ...camera import Camera
-from ...design import PATHS
+from ...design import PATHS, Design
 from ...drawing.marks import (
     Area,
     Dots,
@@ -48,9 +48,6 @@ from ...theory.quantities import noise_words
 from ...theory.stop_images import MicrolensImages
 from ...theory.vignetting import corner_room
 from ...words import listed
-
-if TYPE_CHECKING:
-    from ...design import Design
 
 LOOKS = (("blue", ""), ("orange", "7 4"), ("green", "8 3 2 3"))
 """Colour and line of each design that is compared."""

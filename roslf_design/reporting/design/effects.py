@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,10 +12,8 @@ from ...drawing.panel import Panel, Scale, named_ticks, names_width, threshold
 from ...drawing.picture import Picture
 from ...drawing.theme import PLAIN, SMALL, short, text_width, wrapped
 from ...effects.effect import UNIT_WORDS
+from ...effects.plan import PlannedEffect
 from ...words import spaced
-
-if TYPE_CHECKING:
-    from ...effects.plan import PlannedEffect
 
 BAR, REASON = 24.0, 15.0
 """Heights of a bar's row, and of the line below it that says why, where there is room [px]."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..._arrays import Array
 from ...camera import Camera
+from ...design import Design
 from ...drawing.marks import (
     Area,
     Disc,
@@ -39,9 +40,6 @@ from ...theory.light import on_array, sensor_field
 from ...theory.vignetting import field_limit
 from ...traced.camera import camera_of, microlenses, views
 from ...traced.images import measured_bound, real_field
-
-if TYPE_CHECKING:
-    from ...design import Design
 
 LEFT, TOP, RIGHT, BELOW = 52.0, 26.0, 12.0, 42.0
 """Margins [px]."""

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...camera import Camera
+from ...design import Design
 from ...drawing.picture import PAGE, Picture, beside
 from ...drawing.solid import NoViewerError, library, outlines, scene_data
 from ...evaluation import default_fields
-from ...evaluation.result import depth_basis
+from ...evaluation.groups import RealLens
+from ...evaluation.result import Evaluation, depth_basis
 from ...imaging.transfer import encircled
 from ...lenses.glass import ROOM
 from ...theory.quantities import noise_words
@@ -25,11 +26,6 @@ from .field import field_map, field_maps, lens_images, lens_over_field
 from .instrument import instrument_scene, scale_drawing
 from .microlens import microlens_image, microlens_images, rays_and_waves
 from .rays import cells, dimensions, is_centred, meridional, ray_diagrams, ray_words, scale_words, unfolded_words
-
-if TYPE_CHECKING:
-    from ...design import Design
-    from ...evaluation.groups import RealLens
-    from ...evaluation.result import Evaluation
 
 SMALL = 0.42
 """Width of the small drawing to scale, in pages."""

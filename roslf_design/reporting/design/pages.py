@@ -6,16 +6,18 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from ...accuracy.table import QUANTITIES, choose, shipped_table
+from ...bore.elements import AnyElement
 from ...camera import Camera
-from ...design import dumps
+from ...design import Design, MainLens, MicrolensArray, Sensor, dumps
 from ...design.files import WRITTEN
+from ...design.parts import Opening
 from ...evaluation import evaluate
 from ...evaluation.evaluate import evaluation_accuracy, held_as_planned, held_to
 from ...evaluation.required import required_distances
 from ...evaluation.result import (
+    Evaluation,
     absent_effects,
     answer_tables,
     budget_table,
@@ -54,12 +56,6 @@ from ..sheet.lines import SpreadSources, basis, datasheet_section, told_as_plann
 from . import figures as sheets
 from .curves import KnownLengths
 from .parts_list import parts_section
-
-if TYPE_CHECKING:
-    from ...bore.elements import AnyElement
-    from ...design import Design, MainLens, MicrolensArray, Sensor
-    from ...design.parts import Opening
-    from ...evaluation.result import Evaluation
 
 TONES: dict[str, Tone] = {"good": "good", "limit": "caution", "fault": "bad"}
 """Tone in which each level of verdict is shown."""

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from ...bore.elements import AnyElement, made_of
 from ...catalogue import Catalogue, Entry, Kind, load_catalogue
 from ...catalogue.entries import NAMED, meant
+from ...design import Design
 from ...design.check import at
 from ...theory.colours import PIXEL_FILTERS
 from ...words import length, listed
 from ..blocks import Bullets, Section, Table
 from ..lens_words import lens_words
 from .figures import at_room
-
-if TYPE_CHECKING:
-    from ...design import Design
 
 FAR = math.log(2)
 """Sum of logarithms of ratios beyond which a part is not worth naming."""

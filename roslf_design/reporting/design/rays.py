@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from ..._arrays import Array
 from ...bore.elements import AnyElement, made_of
 from ...camera import Camera
+from ...design import Design
 from ...design.assembly import Placed
-from ...design.parts import widening
+from ...design.parts import Opening, widening
 from ...drawing.marks import Area, Dots, Key, Line, Mark, Point, Text, bars, box_key, joined, line_key, parted, xy
 from ...drawing.panel import Panel, Scale
 from ...drawing.picture import PAGE, Picture, beside, legend_height, one_panel
@@ -29,10 +30,6 @@ from ...theory.limits import limits
 from ...theory.quantities import QUANTITIES
 from ...theory.tube import WHOLE, WIDTHS, shell, widest
 from ...words import length, listed
-
-if TYPE_CHECKING:
-    from ...design import Design
-    from ...design.parts import Opening
 
 FILL = 1.5
 """Width of a fan in FAP diameters: its outer rays meet the FAP's plate."""

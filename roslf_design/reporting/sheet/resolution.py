@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...camera import Camera
+from ...design import Design
 from ...drawing.marks import Image, Key, Line, Mark, Text, line_key
 from ...drawing.panel import Panel, Scale, colour_bar, round_ticks
 from ...drawing.picture import PAGE, Picture, beside, one_panel
@@ -19,9 +19,6 @@ from ...progress import UNHEARD, Share
 from ...theory.light import on_array, sensor_field
 from ...traced.fields import DesignImages, IdealImages, images_of
 from ..lens_words import lens_words
-
-if TYPE_CHECKING:
-    from ...design import Design
 
 COLOURS = ("blue", "orange", "green")
 WIDTHS = (4.6, 2.8, 1.2)
