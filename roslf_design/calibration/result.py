@@ -130,11 +130,6 @@ class Outcome(BriefValue):
         return None if self.posterior is None else self.posterior.converged
 
     @property
-    def intervals_from(self) -> str:
-        """Source of intervals, depth errors and the corner plot: the posterior or Laplace's approximation."""
-        return LAPLACE if self.posterior is None else "posterior"
-
-    @property
     def lengths(self) -> CalibratedLengths:
         """How sure the lengths are that `calibrated` has from here, those of elements before the lens included."""
         return calibrated_lengths(
@@ -222,7 +217,7 @@ class Outcome(BriefValue):
             "schema": SCHEMA,
             "design": self.design.name,
             "board": self.board.to_dict(),
-            "intervals_from": self.intervals_from,
+            "intervals_from": LAPLACE if p is None else "posterior",
             "quantities": {
                 name: {
                     "estimate": e.value,

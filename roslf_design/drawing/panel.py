@@ -111,11 +111,6 @@ class Panel:
     """Whether both scales are meant to be one, on Axes of any shape."""
 
     @property
-    def right_edge(self) -> float:
-        """[px]."""
-        return self.box[0] + self.box[2]
-
-    @property
     def bottom(self) -> float:
         """[px]."""
         return self.box[1] + self.box[3]

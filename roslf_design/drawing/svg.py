@@ -189,7 +189,8 @@ def _panel(panel: Panel, theme: Theme, name: str) -> str:
 
 def _axes(panel: Panel, theme: Theme) -> tuple[str, str]:
     """Lines behind the marks, and what stands around them."""
-    (left, top, width, _), bottom, right = panel.box, panel.bottom, panel.right_edge
+    (left, top, width, _), bottom = panel.box, panel.bottom
+    right = left + width
     across, up = panel.ticks() if not panel.bare else (panel.x_ticks or (), panel.y_ticks or ())
     behind, around = [], []
     for value, label in across:

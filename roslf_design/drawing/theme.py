@@ -193,12 +193,12 @@ def short(value: float, digits: int = 4, zero: float = ROUNDING) -> str:
     return text.replace("-", "−")
 
 
-def rows_of_names(places: Sequence[float], widths: Sequence[float], gap: float = 0.0) -> list[int]:
+def rows_of_names(places: Sequence[float], widths: Sequence[float]) -> list[int]:
     """Row of each name, from 0, such that no two touch; places are their middles, in order, in the widths' unit."""
     reached: list[float] = []
     rows = []
     for place, width in zip(places, widths, strict=True):
         row = next((r for r, end in enumerate(reached) if place - width / 2 > end), len(reached))
-        reached[row : row + 1] = [place + width / 2 + gap]
+        reached[row : row + 1] = [place + width / 2]
         rows.append(row)
     return rows

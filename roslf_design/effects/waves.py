@@ -137,11 +137,6 @@ def _veil(s: Subject) -> Estimate:
     return Estimate(level, f"{percent(share, 2)} of the full well is {level:.3g} of a fully lit pixel")
 
 
-def _veiled(image: NDArray[np.float32], scene: SceneBrief, _: np.random.Generator) -> NDArray[np.float32]:
-    """An image with the veil on it."""
-    return image + np.float32(scene.veil)
-
-
 def _noise(s: Subject) -> Estimate:
     """Rms noise sqrt(N + r^2)/N of a fully lit pixel [fraction of full scale]; zero where no exposure is given."""
     exposure, read = s.brief.exposure, s.brief.read_noise
@@ -215,6 +210,6 @@ VEIL = Effect(
     available=lambda design: design.light.veil > 0,
     absent="the design has no veil",
     needs="veiling light, and `light.veil` of this design is 0",
-    detected=_veiled,
+    detected=lambda image, scene, _: image + np.float32(scene.veil),
 )
 NOISE = Effect("noise", "Shot and read noise", "intensity", _noise, cost_per_pixel=50e-9, detected=_exposed)

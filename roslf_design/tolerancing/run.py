@@ -102,7 +102,8 @@ def run_trials(
     digest, paths = plan.digest(), [folder / "chunks" / f"{index:06d}.npz" for index in range(plan.chunks)]
     _check_processes(where)
     _claim(plan, digest, folder, resume)
-    missing = [index for index, path in enumerate(paths) if not _is_whole(path, digest, index)]
+    whole = (path.is_file() and is_sealed(path.read_bytes(), digest, index) for index, path in enumerate(paths))
+    missing = [index for index, there in enumerate(whole) if not there]
     done = plan.trials - sum(plan.chunk_trials(index) for index in missing)
     report(done, plan.trials)
     with contextlib.closing(run_chunks(partial(run_chunk, plan), missing, where)) as finished:
@@ -139,11 +140,6 @@ def _claim(plan: TolerancePlan, digest: str, folder: Path, resume: bool) -> None
         "chunks": plan.chunks,
     }
     write_atomically(manifest, (json.dumps(content, indent=1) + "\n").encode())
-
-
-def _is_whole(path: Path, digest: str, index: int) -> bool:
-    """Whether a chunk has a file, as this run wrote it."""
-    return path.is_file() and is_sealed(path.read_bytes(), digest, index)
 
 
 def run_chunk(plan: TolerancePlan, index: int) -> bytes:

@@ -197,10 +197,6 @@ class _Alone:
         self.plan, self.columns = plan, columns
         self.known: dict[tuple[int, float], Array] = {}
 
-    def knows(self, keys: Iterable[tuple[int, float]]) -> NDArray[np.bool_]:
-        """Whether builds, each a row of its perturbation and a deviation [tolerances], have been measured."""
-        return np.array([key in self.known for key in keys])
-
     def measure(self, keys: Iterable[tuple[int, float]]) -> None:
         """Measure builds that are not known, together."""
         new = [key for key in dict.fromkeys(keys) if key not in self.known]
@@ -271,7 +267,8 @@ def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...
         doubled = np.minimum(np.maximum(2 * least, 1.0), LOOSEST)
         at = np.where(np.isinf(most), doubled, np.where(within, between, middle))
         keys = list(zip(rows[open_].tolist(), (signs[open_] * at).tolist(), strict=True))
-        if not (known := builds.knows(keys)).any():  # each goes as far as it is known before the next are measured
+        known = np.array([key in builds.known for key in keys])
+        if not known.any():  # each goes as far as it is known before the next are measured
             brackets = zip(rows[open_].tolist(), signs[open_].tolist(), least.tolist(), most.tolist(), b, strict=True)
             ahead = ((row, sign * d) for row, sign, *ends in brackets for d in _ahead(*ends))
             builds.measure([*keys, *ahead])

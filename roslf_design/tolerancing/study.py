@@ -559,11 +559,6 @@ def _most_sobol_samples(factors: int, columns: int) -> int:
     return int(1 << int(math.log2(MOST_MEMORY / (8 * each))))
 
 
-def _chunk_size(trials: int) -> int:
-    """Trials a chunk: enough work for a worker, few enough files for a folder."""
-    return 1 << min(20, max(15, math.ceil(math.log2(max(trials, 1) / 1024))))
-
-
 class RunOptions(Options):
     """Trials of a tolerance study, instead of what its file says."""
 
@@ -711,7 +706,8 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
         adjusters=(),
         calibrated=any(CALIBRATION in line.place for line in study.compensators),
         trials=study.trials,
-        chunk=_chunk_size(study.trials),
+        # Enough work for a worker, few enough files for a folder.
+        chunk=1 << min(20, max(15, math.ceil(math.log2(max(study.trials, 1) / 1024)))),
         keep_trials=study.keep_trials,
         keep_worst=study.keep_worst,
         quantiles=study.quantiles,

@@ -151,13 +151,13 @@ def design_report(
             (*opening, *first, *answer_tables(result, *_with_lengths(grounds))),
         ),
         datasheet_section(grounds, shares(progress, "data sheet")),
-        Section("The design", (parameters, figures["dimensions"], *_seen(result), *_stops(design))),
+        Section("The design", (parameters, figures["dimensions"], *_given(seen_table(result)), *_stops(design))),
         parts_section(design),
         Section(
             "Evaluation",
             (
                 *fact_tables(result),
-                *_mapping(result),
+                *_given(mapping_table(result)),
                 field_table(result),
                 budget_table(result),
                 *depth_budget_tables(result),
@@ -340,13 +340,7 @@ def _pose(part: MainLens | MicrolensArray | Sensor | Opening | AnyElement) -> st
     return "; ".join(pairs) or "-"
 
 
-def _seen(result: Evaluation) -> tuple[Table, ...]:
-    table = seen_table(result)
-    return () if table is None else (table,)
-
-
-def _mapping(result: Evaluation) -> tuple[Table, ...]:
-    table = mapping_table(result)
+def _given(table: Table | None) -> tuple[Table, ...]:
     return () if table is None else (table,)
 
 

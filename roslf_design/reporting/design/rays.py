@@ -210,10 +210,10 @@ def _within(mark: Mark, low: float, high: float) -> bool:
     return bool(np.all((low <= at) & (at <= high)))
 
 
-def ray_diagrams(design: Design, width: float = PAGE) -> Picture:
+def ray_diagrams(design: Design) -> Picture:
     """The section over all of the width, and below it, side by side, its tip, and array and sensor."""
-    section = meridional(design, (width, TALL))
-    ends = (meridional(design, (width / 2, NEAR_TALL), key=False, close=end) for end in ("tip", "sensor"))
+    section = meridional(design, (PAGE, TALL))
+    ends = (meridional(design, (PAGE / 2, NEAR_TALL), key=False, close=end) for end in ("tip", "sensor"))
     return beside("rays", section.title, (section, beside("rays-near", "", ends)), down=True)
 
 
