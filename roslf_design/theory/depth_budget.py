@@ -192,7 +192,7 @@ def depth_budget(
     Returns
     -------
     DepthBudget
-        [mm]; of temperature as depths ahead of the tip have it, of lengths as depths from the main lens.
+        [mm]; as depths ahead of the tip have it.
     """
     mismatched, veiled = Beside.mismatched(c), Beside.of(c)
     besides = (NOTHING, mismatched, veiled) if np.any(veiled.veil) else (NOTHING, mismatched)

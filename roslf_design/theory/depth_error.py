@@ -77,12 +77,20 @@ def depth_told(c: Camera, slope: ArrayLike) -> Array:
     return np.asarray(c.plane_seen_at(c.seen.d_3 + light_field.depth_of_slope(c, slope)))
 
 
+def told_ahead(c: Camera, slope: ArrayLike) -> Array:
+    """Distance ahead of the bore's tip that a picture is told as, as `depth_told` from the main lens."""
+    return np.asarray(depth_told(c, slope) - c.tip)
+
+
 def lengths_error(c: Camera, at: Depth | Array, covariance: LengthCovariance) -> Array:
-    """Standard error that lengths known to a covariance put into depths, the same in all pictures [mm]."""
+    """Standard error that lengths known to a covariance put into depths ahead of the tip, alike in all pictures [mm].
+
+    The tip is as far from the main lens as a build has it.
+    """
     slope = light_field.epi_slope(c, depth_at(c, at))
     if np.ndim(slope) > len(c.shape):  # of one camera at many distances: those follow its builds
-        return _finite(covariance.carried(c, lambda builds: np.moveaxis(depth_told(builds, slope[..., None]), -1, 0)))
-    return _finite(covariance.carried(c, lambda builds: depth_told(builds, slope)))
+        return _finite(covariance.carried(c, lambda builds: np.moveaxis(told_ahead(builds, slope[..., None]), -1, 0)))
+    return _finite(covariance.carried(c, lambda builds: told_ahead(builds, slope)))
 
 
 def temperatures_met(c: Camera) -> tuple[Number, Number, Number] | None:

@@ -19,6 +19,7 @@ from roslf_design.theory.depth_error import (
 )
 from roslf_design.theory.disparity_error import _disparity_information, axial_disparity_sigma
 from roslf_design.theory.disparity_information import Spectrum
+from roslf_design.theory.field_of_view import focus_ahead
 from roslf_design.theory.length_covariance import CalibratedLengths, LengthCovariance
 from roslf_design.theory.light_field import epi_slope
 from roslf_design.theory.photometry import Beside, electrons
@@ -153,7 +154,7 @@ def test_lengths_are_carried_by_the_formula_s_own_derivatives(at):
         slope = (m - reach / (z - d_3)) * reach / d_2
         assert mpmath.almosteq(told(f, d_1, d_3, d_2, slope), z)
         rates = [
-            mpmath.diff(lambda *x: told(*x, slope), (f, d_1, d_3, d_2), order)
+            mpmath.diff(lambda *x: told(*x, slope) - x[2], (f, d_1, d_3, d_2), order)  # the FAP is the tip
             for order in np.eye(4, dtype=int).tolist()
         ]
     rates = np.array([float(rate) for rate in rates])
@@ -315,11 +316,11 @@ def test_depths_of_builds_that_are_believed_to_be_as_calibrated(known, at):
     given_by[:, list(known)] = measures
     gain = CORRELATED.matrix @ given_by.T @ np.linalg.inv(given_by @ CORRELATED.matrix @ given_by.T + noise)
     believed = nominal + ((true - nominal) @ given_by.T + rng.normal(size=(count, 2))) @ gain.T
-    z = PAPER.d_f if at is None else PAPER.d_3 + at
+    ahead = PAPER.d_f - PAPER.d_3 if at is None else at  # of the FAP of each build, its tip
     f, d_1, d_3, d_2 = true.T
     d_f = 1 / (1 / f - 1 / d_1)
     reach = d_1 * (d_f - d_3) / d_f
-    rms = np.std(told(*believed.T, (d_1 / d_f - reach / (z - d_3)) * reach / d_2) - z)
+    rms = np.std(told(*believed.T, (d_1 / d_f - reach / ahead) * reach / d_2) - believed[:, 2] - ahead)
     some = tuple(PLACES[k] for k in known)
     calibration = (
         CalibratedLengths(CORRELATED.of(some), LengthCovariance(some, measures.T @ measures)) if known else None
@@ -327,6 +328,26 @@ def test_depths_of_builds_that_are_believed_to_be_as_calibrated(known, at):
     budget = depth_budget(Camera.of(PAPER), at, build=CORRELATED, calibration=calibration)
     assert float(budget.of_kind("trueness")) == pytest.approx(rms, rel=0.02)  # of 20,000 draws, 0.5 %; bends
     assert ("lengths as built" in terms(budget)) == (len(known) < 4)
+
+
+TIP_PLACES = ("elements.6.distance", "elements.5.distance", "microlens_array.distance", "main_lens.focal_length")
+
+
+@pytest.mark.parametrize("at", [None, 8.0, 30.0])
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_builds_tell_what_stands_ahead_of_their_own_tips_as_surely_as_the_budget_says(count, at):
+    """Drawn: an object so far ahead of each build's window, its picture by that build, told by the camera as drawn."""
+    design = WARM.replace({"environment": None})
+    camera = Camera.of(design)
+    assert float(camera.tip) == pytest.approx(design.elements[6].distance + design.elements[6].thickness)
+    places, sigmas = TIP_PLACES[:count], np.array([0.05, 0.002, 0.005, 0.01])[:count]
+    off = np.random.default_rng(5).normal(size=(count, 40_000)) * sigmas[:, None]
+    builds = Camera.of(design, {place: camera[place] + row for place, row in zip(places, off, strict=True)})
+    ahead = float(focus_ahead(camera)) if at is None else at
+    slopes = epi_slope(builds, depth_at(builds, np.asarray(ahead)))
+    found = depth_told(camera, slopes) - camera.tip - ahead
+    budget = lengths_error(camera, at, LengthCovariance(places, np.diag(sigmas**2)))
+    assert float(budget) == pytest.approx(np.sqrt((found**2).mean()), rel=0.03)  # of so many, 0.4 %; bends
 
 
 def test_ends_of_what_a_calibration_can_know():
