@@ -127,7 +127,8 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
     @property
     def tip(self) -> float:
         """Distance of the bore's outer end from the main lens by a ruler [mm]."""
-        return max(float(self.main_lens.kind.front), *(float(at.far) for at in (*self._as_stated, *self.in_bore)))
+        standing: tuple[Placed[Any], ...] = (*self._as_stated, *self.in_bore)
+        return max(float(self.main_lens.kind.front), *(float(at.far) for at in standing))
 
     def _of_tube(self, rim: Opening) -> Opening:
         """A rim, as wide as the tube leaves it where it states no width of its own."""

@@ -77,7 +77,7 @@ def depth_told(c: Camera, slope: ArrayLike) -> Array:
     return np.asarray(c.plane_seen_at(c.seen.d_3 + light_field.depth_of_slope(c, slope)))
 
 
-def told_ahead(c: Camera, slope: ArrayLike) -> Array:
+def _told_ahead(c: Camera, slope: ArrayLike) -> Array:
     """Distance ahead of the bore's tip that a picture is told as, as `depth_told` from the main lens."""
     return np.asarray(depth_told(c, slope) - c.tip)
 
@@ -89,8 +89,8 @@ def lengths_error(c: Camera, at: Depth | Array, covariance: LengthCovariance) ->
     """
     slope = light_field.epi_slope(c, depth_at(c, at))
     if np.ndim(slope) > len(c.shape):  # of one camera at many distances: those follow its builds
-        return _finite(covariance.carried(c, lambda builds: np.moveaxis(told_ahead(builds, slope[..., None]), -1, 0)))
-    return _finite(covariance.carried(c, lambda builds: told_ahead(builds, slope)))
+        return _finite(covariance.carried(c, lambda builds: np.moveaxis(_told_ahead(builds, slope[..., None]), -1, 0)))
+    return _finite(covariance.carried(c, lambda builds: _told_ahead(builds, slope)))
 
 
 def temperatures_met(c: Camera) -> tuple[Number, Number, Number] | None:
