@@ -18,11 +18,7 @@ from ..design import Design, preset_names
 from ..design.required import Required
 from ..errors import InputError, Problem
 from ..theory import tube
-from ..theory.depth_budget import (
-    COVERAGE,
-    DepthBudget,
-    depth_budget,
-)
+from ..theory.depth_budget import COVERAGE, DepthBudget, depth_budget
 from ..theory.depth_error import errors_at_fields, expected_error
 from ..theory.focused import has_views
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance

@@ -16,17 +16,7 @@ from ..design import Design
 from ..design.required import ROUND_ANGLE, ROUND_RADIUS, Required
 from ..theory import tube
 from ..theory.colours import filters
-from ..theory.depth_budget import (
-    BUILT,
-    CALIBRATED,
-    COVERAGE,
-    FULL,
-    MISMATCH,
-    NOISE,
-    OVERLAP,
-    WARMTH,
-    DepthBudget,
-)
+from ..theory.depth_budget import BUILT, CALIBRATED, COVERAGE, FULL, MISMATCH, NOISE, OVERLAP, WARMTH, DepthBudget
 from ..theory.disparity_error import MOST_LOST, roomy, share_full
 from ..theory.focused import has_views, pupil_remedy
 from ..theory.photometry import electrons, exposure
