@@ -8,7 +8,7 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.errors import InputError
-from roslf_design.evaluation.specification import FOCUS
+from roslf_design.evaluation.specification import FOCUS, FieldImages
 from roslf_design.evaluation.verdicts import lit
 from roslf_design.theory.depth_budget import depth_budget
 
@@ -112,7 +112,7 @@ def test_the_corner_s_light_is_the_scene_s_whatever_the_exit_pupil_and_remedies_
     tip = tip.replace({"sensor.size": [share * side for side in tip.sensor.size], "microlens_array.size": [3.0, 3.0]})
     answer = roslf.evaluate(tip).answer
     assert answer.field_of_view_deg.diagonal == pytest.approx(80, abs=0.2)
-    corner = roslf.specification(tip).field[-1]
+    corner = FieldImages.of(tip).points[-1]
     place = np.array(corner.x_ml_mm)
     by_rays = etendue(tip, place, straight) / etendue(tip, np.array([1e-4, 1e-4]), straight)
     assert answer.corner_light == pytest.approx(by_rays, rel=0.01)
@@ -134,7 +134,7 @@ def test_the_corner_s_light_is_the_scene_s_whatever_the_exit_pupil_and_remedies_
 def test_a_corner_lighter_than_the_middle_is_told_with_where_its_light_comes_from(without_views):
     """Etendue: light is cos^4 times the scene's area over the array's, a microlens's share of what is drawn smaller."""
     bench = roslf.load("paper-singlet")
-    result, (middle, edge, corner) = roslf.evaluate(bench), roslf.specification(bench).field
+    result, (middle, edge, corner) = roslf.evaluate(bench), FieldImages.of(bench).points
     area = middle.local_magnification / edge.local_magnification / (1 + edge.distortion_percent / 100)
     slant = math.cos(math.radians(edge.angle_deg)) ** 4
     assert edge.relative_illumination == pytest.approx(area * slant, rel=0.03)  # of the chief ray alone

@@ -658,7 +658,7 @@ def test_behind_a_real_lens_what_the_sensor_sees_is_told_by_rays_wherever_it_is_
     width, diagonal = result.answer.at[0].width_mm, result.answer.at[0].diagonal_mm
     assert f"the sensor sees {width / 2:.4g} mm (half width), {diagonal / 2:.4g} mm (corner)" in field
     assert diagonal != pytest.approx(math.hypot(width, result.answer.at[0].height_mm), rel=1e-3)
-    farthest = max(point.x0_mm for point in roslf.specification("paper-singlet").field)
+    farthest = max(point.x0_mm for point in FieldImages.of(roslf.load("paper-singlet")).points)
     assert diagonal / 2 == pytest.approx(farthest, rel=0.01)
     assert f"{width / 2:.4g}" != f"{result.non_distortion.field_half_width_mm:.4g}"  # else this tests nothing
 

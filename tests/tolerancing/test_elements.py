@@ -9,6 +9,8 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.design import Design, dumps, loads
 from roslf_design.errors import InputError
+from roslf_design.evaluation.fields import evaluate_fields
+from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from roslf_design.theory.stop_images import MicrolensImages
 from roslf_design.tolerancing.metrics import Question, builds_of, evaluate_builds
 from roslf_design.tolerancing.places import display, expand, load_grades, nominal_values, perturbable, short_name
@@ -55,15 +57,15 @@ def test_builds_are_what_evaluate_says_of_each_alone(scope):
     found = evaluate_builds(Question(scope, names, FIELDS, scope.d_f), values, 6).reshape(len(names), len(FIELDS), 6)
     assert found[2].min() < 0.99  # elements cut
     for trial in range(6):
-        one = roslf.evaluate(scope.replace({place: number[trial] for place, number in values.items()}), fields=FIELDS)
-        assert_allclose(found[2, :, trial], [field.kept_fraction for field in one.fields], rtol=1e-9)
-        assert_allclose(found[3, :, trial], [field.axis_ratio for field in one.fields], rtol=1e-9)
+        one = evaluate_fields(scope.replace({place: number[trial] for place, number in values.items()}), FIELDS)
+        assert_allclose(found[2, :, trial], [field.kept_fraction for field in one], rtol=1e-9)
+        assert_allclose(found[3, :, trial], [field.axis_ratio for field in one], rtol=1e-9)
     straight = builds_with(scope, 3, 6, without=("tilt", "rotation"))
     found = evaluate_builds(Question(scope, names, FIELDS, scope.d_f), straight, 3).reshape(len(names), len(FIELDS), 3)
     for trial in range(3):
-        one = roslf.evaluate(scope.replace({place: number[trial] for place, number in straight.items()}), fields=[])
-        assert_allclose(found[0, :, trial], one.microlens_image.diameter_mm, rtol=1e-9)
-        assert_allclose(found[1, :, trial], one.microlens_image.pitch_mm, rtol=1e-9)
+        one = Camera.of(scope.replace({place: number[trial] for place, number in straight.items()}))
+        assert_allclose(found[0, :, trial], float(microlens_image_diameter(one)), rtol=1e-9)
+        assert_allclose(found[1, :, trial], abs(float(microlens_image_pitch(one))), rtol=1e-9)
 
 
 class Traced:
