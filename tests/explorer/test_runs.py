@@ -8,7 +8,7 @@ from roslf_design.depth.pictures import region_about
 from roslf_design.design import load, preset_names
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
-from roslf_design.explorer import measure_run
+from roslf_design.explorer import measure_run, optimise_run
 from roslf_design.explorer.forms import (
     GOALS,
     GRADES,
@@ -33,6 +33,12 @@ from tests.depth.made import at_first_sight
 PAPER = load("paper")
 IMAGE_PITCH = 0.0627261
 """Of the paper's microlens images, by Eq. 7 [mm]."""
+
+
+@pytest.fixture(autouse=True)
+def _few_searches(monkeypatch):
+    """Three of eight starts: how far to trust an optimum is said by `tests/optimization`."""
+    monkeypatch.setattr(optimise_run, "STARTS", 3)
 
 
 @pytest.mark.parametrize("grade", GRADES)
