@@ -248,17 +248,14 @@ def calibrated(capsys, circle, kind, out, *options):
 TRUTH = {"H": 140 / 92, "d_3": 120.0, "d_1": 140.0, "d_f": 350.0, "d_2": 2.0, "A": 92.0, "m": 0.4}
 
 
-def test_full_circle_by_rays_and_with_diffraction(capsys, circle, tmp_path, blank_pngs):
-    rays = calibrated(capsys, circle, "rays", tmp_path / "rays")
+def test_full_circle_with_diffraction(capsys, circle, tmp_path, blank_pngs):
+    """By rays alone `tests/commands/test_calibrate.py` goes round."""
     waves = calibrated(capsys, circle, "waves", tmp_path / "waves")
-    for found in (rays, waves):
-        assert len(found["images_used"]) == 4
-        assert found["reprojection_rms_pitches"] < 0.06  # the paper's
-        for name, true in TRUTH.items():
-            low, high = found["quantities"][name]["interval_95"]
-            assert low < true < high, name
-    assert rays["diffraction"]["corrected"] is False
-    assert "shows no microlens diffraction" in rays["diffraction"]["reason"]
+    assert len(waves["images_used"]) == 4
+    assert waves["reprojection_rms_pitches"] < 0.06  # the paper's
+    for name, true in TRUTH.items():
+        low, high = waves["quantities"][name]["interval_95"]
+        assert low < true < high, name
     told = waves["diffraction"]
     assert told["corrected"] is True
     assert told["seen_blur_px"] == pytest.approx(told["expected_blur_px"], rel=0.01)
@@ -295,7 +292,9 @@ def test_what_is_asked_what_is_expected_and_what_is_seen_decide():
     asked = looked(rays, "on")
     assert asked.corrected
     assert "where the design's diffraction makes 3.60 px" in asked.warning
-    assert not looked(rays, "auto").corrected
+    none = looked(rays, "auto")
+    assert not none.corrected
+    assert "shows no microlens diffraction" in none.reason
     left, plain = calibrated("off")
     assert (left.corrected, left.image) == (False, None)
     seen, found = calibrated("auto")

@@ -36,6 +36,9 @@ THINNER = (
     (r"(?ms)^\[\[compensators\]\].*?(?=^\[|\Z)", ""),  # each build is searched for its best: so is it there
     (r'(?m)^(goals = \["\w+", "\w+"), .*$', r"\1]"),
     (r"focal_length<=20 mm", "focal_length<=9 mm"),  # one lens, either way round
+    # Each is traced in each step of its search: in the middle alone.
+    (r'(?m)^\[\[constraints\]\]\nquantity = "\w+"\nfield = \["1.4 mm", "1.05 mm"\]\n(?:m\w+ = .*\n)+\n', ""),
+    (r'(?m)^(?:working_distance = \["28 mm", "32 mm"\]|d_3 = \["6 mm", "30 mm"\])\n', ""),
     (
         r'(?m)^(kinds = \["microlens_arrays", "sensors"\])$(?:\nwhere.sensors = .*$)?',
         r'\1\nwhere.sensors = ["pixel>=3.3 um", "pixel<=3.5 um"]\n'
