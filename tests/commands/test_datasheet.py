@@ -104,7 +104,7 @@ def test_a_sheet_tells_each_line_with_its_tolerance(tmp_path, capsys, monkeypatc
     assert float(rows[0]["value"]) == told["specification"]["field_of_view_deg"][0]["diagonal"]
 
 
-def test_spreads_do_not_hang_on_what_a_study_reports():
+def test_spreads_do_not_hang_on_what_a_study_reports(rough):
     """Behind a real lens they are scaled by what rays tell, as the study's own columns are."""
     lens = roslf.load("paper-singlet")
     study = {"name": "s", "grade": "commercial", "trials": 1024, "sobol_samples": 0, "fields": ["centre"]}
@@ -739,7 +739,7 @@ def test_a_folder_of_another_study_is_refused_before_any_work(tmp_path, capsys):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["index.html", "study.toml"]
 
 
-def test_a_part_s_clear_diameter_stands_beside_its_outer_one():
+def test_a_part_s_clear_diameter_stands_beside_its_outer_one(rough):
     """Edmund 45-089 is 3 mm wide and clear to 2.7 mm, which is D where the design gives none."""
     table = {"part": "45-089", "focal_plane": "60 mm"}
     text = dumps(roslf.load("rigid-scope"))

@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import roslf_design as roslf
-from roslf_design.optimization.conflict import _Pool
+from roslf_design.optimization.conflict import _Pool, explain
 from roslf_design.optimization.goals import Goal
 from roslf_design.optimization.problem import DesignProblem, sobol_units
 from roslf_design.optimization.search import SearchBudget, search, value_and_jacobian
@@ -407,7 +407,7 @@ def test_limits_that_clash_are_a_smallest_set_by_brute_force(seed, gridded):
         held = [ok & one.quantity.within(one.min, one.max, values[one.quantity.name]) for one in sides]
         if not np.all(held, axis=0).any():
             break
-    conflict = solve(posed(BOX, limits, goal("fill_factor", "max")), Settings(starts=2, check=False)).conflict
+    conflict = explain(posed(BOX, limits, goal("fill_factor", "max")), (), SearchBudget(), 0)
     sizes = (
         [keep for keep in combinations(range(len(sides)), size) if not np.all([held[k] for k in keep], axis=0).any()]
         for size in range(1, len(sides) + 1)

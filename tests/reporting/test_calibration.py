@@ -25,6 +25,7 @@ from roslf_design.reporting.printers import render_html
 from roslf_design.reporting.sheet.lines import CalibrationSpread, basis
 from roslf_design.reporting.story import _read_story
 from roslf_design.theory.length_covariance import LengthCovariance
+from tests.reporting.made import rough_resolution, views_as_refocused
 
 pytestmark = pytest.mark.usefixtures("found_once")
 SHARES = {"images": 0.25, "f": 0.7, "q": 0.0, "d": 0.0, "board": 0.0, "systematic": 0.05}
@@ -233,8 +234,10 @@ wavelength = "550 nm"
 """A camera whose main lens is focused at infinity, and in its element's front focus by that."""
 
 
-def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine():
+def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine(monkeypatch):
     """Of a main lens focused at infinity d_f = f (1 + m)/m is known to no digit, depth is."""
+    rough_resolution(monkeypatch)
+    views_as_refocused(monkeypatch)
     paper = load("paper")
     asked = PlanOptions(at=(300.0,), distance=350.0, range=60.0, f_sigma="0.1 %")
     # One answer more than before: which of the distances asked for the boards cover; these stand nearer.

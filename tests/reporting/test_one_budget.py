@@ -27,7 +27,7 @@ def _depth_alone(monkeypatch):
 
 @pytest.mark.parametrize("design", DESIGNS.values(), ids=DESIGNS)
 def test_sheet_table_and_evaluation_tell_one_uncertainty(design):
-    ahead = float(roslf.evaluate(design).answer.working_distance_mm)
+    ahead = float(roslf.quantity("working_distance_mm")(Camera.of(design)))
     design = design.replace({"required": {"u_z_mm": {"at": f"{ahead} mm", "max": "1 m"}}})
     told = roslf.evaluate(design, at=ahead)
     u = told.depth.expected["u_z_mm"]
