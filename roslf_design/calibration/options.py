@@ -255,23 +255,23 @@ def wider_board(design: Design, captures: Captures, asked: PlanOptions) -> str:
 
 
 class _Service(NamedTuple):
-    """What boards are good for."""
+    """Service of boards: what they cover, and how far they are out of place."""
 
     covered: frozenset[float]
     """Distances asked for that they cover [mm]."""
     misplaced: tuple[float, float]
     """As of `misplaced` [mm]."""
     too_large: bool
-    """Whether the sensor does not see them whole."""
+    """True where the sensor does not see them whole."""
 
     @classmethod
     def of(cls, design: Design, captures: Captures, asked: PlanOptions) -> _Service:
-        """Of captures of a design."""
+        """Service of captures of a design."""
         covered = frozenset(plan_cover(design, captures, asked).covered_mm)
         return cls(covered, misplaced(design, captures), bool(too_large(design, captures)))
 
     def at_least(self, other: _Service) -> bool:
-        """Whether these serve wherever others do."""
+        """True where these serve wherever others do."""
         no_worse = all(own <= its for its, own in zip(other.misplaced, self.misplaced, strict=True))
         return other.covered <= self.covered and no_worse and self.too_large <= other.too_large
 
