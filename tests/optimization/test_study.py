@@ -32,6 +32,8 @@ from tests.optimization.posing import GOOD, PAPER, posed
 
 FOLLOWS = "microlens_in_focus = true"
 """The array's microlenses, made for it: behind a pupil so wide the paper's own show no views."""
+SENSORS = 'kinds = ["sensors"]\nonly.sensors = ["EOS 90D sensor", "IMX253", "PYTHON 12K"]\n'
+"""Some of the catalogue's forty."""
 
 
 def run(capsys, *arguments):
@@ -100,7 +102,7 @@ def test_a_study_with_everything(capsys, tmp_path):
     text = GOOD.replace('quantity = "views_independent"\ndirection = "max"', traded) + (
         '[pareto]\ngoals = ["sigma_z_mm", "blur_pitches"]\npoints = 4\n'
         '[robust]\ntrials = 64\n[[robust.perturb]]\nplace = "d_2"\ntolerance = "5 um"\n'
-        '[catalogue]\nkinds = ["sensors"]\nkeep = 3\n'
+        f"[catalogue]\nkeep = 3\n{SENSORS}"
     )
     path = study(tmp_path, text)
     code, out, err = run(capsys, "optimize", path, "-o", tmp_path / "out", "--json")
@@ -175,8 +177,7 @@ def test_an_order_of_goals_and_goals_that_do_not_compete(capsys, tmp_path, monke
 
 def test_where_bought_parts_do_better_the_answer_says_so(capsys, tmp_path):
     """It stood behind the table of parts alone, and the answer above it was of the design's own part."""
-    some = 'sensors = ["EOS 90D sensor", "IMX253", "PYTHON 12K"]'
-    path = study(tmp_path, GOOD + f'[catalogue]\nkinds = ["sensors"]\n[catalogue.only]\n{some}\n', design="paper")
+    path = study(tmp_path, f"{GOOD}[catalogue]\n{SENSORS}", design="paper")
     code, out, _ = run(capsys, "optimize", path, "-o", tmp_path)
     assert code == 0
     own, bought = " ".join(out.split()).split("With other parts, first of the list below, it is better: ")
@@ -476,7 +477,7 @@ def test_lengths_at_the_use_s_temperature_and_in_the_file_are_told_where_they_di
 
 def test_words_below_the_table_of_parts_are_its_own():
     """They were those on active constraints, where there are any."""
-    text = GOOD + '[catalogue]\nkinds = ["sensors"]\n'
+    text = f"{GOOD}[catalogue]\n{SENSORS}"
     result = run_study(read_study(tomllib.loads(text), design=PAPER))
     (section,) = optimization_report(result, "").sections
     captions = {block.title: block.caption for block in section.blocks if isinstance(block, Table)}
