@@ -116,7 +116,7 @@ def calibrate(
         Leave the sampling out; intervals are then those of the Fisher matrix (Laplace's approximation).
     plan
         Instead of a folder: a design whose calibration is to be planned, before anyone captures an image; or a
-        tolerance study of one, whose tolerances are then known before, in place of a first look's.
+        tolerance study of one, whose tolerances are then known before, in place of default ones.
     """
     design, given = options.design, {"design": options.design, "board": options.board, "output": output}
     wrong: dict[str, str] = {}

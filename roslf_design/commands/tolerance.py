@@ -14,25 +14,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from ..errors import Argument, refusal, with_options
-from ..reporting.blocks import Block, Paragraph
+from ..reporting.blocks import Block, Paragraph, Statements
 from ..reporting.printers import page_files
 from ..reporting.tolerance.pages import (
-    believed,
     clearance_words,
     cost_words,
-    depth_sentence,
     headline,
-    impossible_words,
-    loose_words,
     looser,
     measured_words,
-    mends,
     share_words,
-    short_words,
+    statements,
     tables,
     tolerance_pictures,
     tolerance_report,
-    travel_words,
 )
 from ..tables import plain_text
 from ..tolerancing.result import analyse, builds_of_analyses, precision, save_worst, trial_arrays, trials_for
@@ -159,17 +153,11 @@ def _print_result(result: StudyResult, console: Console, times: bool = False) ->
 
 
 def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
-    if lost := impossible_words(result.final):
-        yield Paragraph(lost)
-    if short := short_words(result):
-        yield Paragraph(short)
-    if twice := believed(result):
-        yield Paragraph(twice)
-    yield Paragraph(headline(result))
-    if result.left_out:
-        yield Paragraph(result.left_out)
-    if loose := loose_words(result.plan):
-        yield Paragraph(f"{loose} {looser(result.plan)}".rstrip())
+    yield Paragraph(f"{headline(result)}.")
+    limits, *others = tables(result, brief=True)
+    yield limits
+    yield Paragraph(f"{limits.caption}\n")
+    yield Statements(tuple(statements(result)))
     if result.precision is not None:
         yield Paragraph(sentence(result.precision.accuracy.sentence(times)))
     if result.scale_for_target is not None:
@@ -179,20 +167,15 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
             f"{all_of_them} tolerances times {scale:.3g} give a yield of {share_words(reached)}; the target is "
             f"{100 * result.study.yield_target:.4g} %"
         )
-    if result.final.result.value < result.study.yield_target:
-        yield Paragraph(mends(result))
     for grade, at_grade in result.grades:
         yield Paragraph(f"Grade {grade}: yield {share_words(at_grade)}")
     if result.budget is not None and result.budget.looser:
         saved = "" if result.budget.cost is None else f", {cost_words(result.budget.cost)}"
         first = "with the cheapest change and all" if result.budget.changes else "with all"
         yield Paragraph(f"Budget: {first} tolerances to relax, yield {share_words(result.budget.result)}{saved}")
-    yield Paragraph(depth_sentence(result.depth, result.plan))
-    yield from (Paragraph(travel_words(result, use)) for use in result.adjusters)
-    shown = tables(result, brief=True)
-    yield from shown
+    yield from others
     yield Paragraph("\nOf each metric the weakest field; all fields in results.json.")
-    yield from (Paragraph(table.caption) for table in shown if table.title in {"Limits", "Tolerances"})
+    yield from (Paragraph(table.caption) for table in others if table.title == "Tolerances")
     for warning in result.warnings:
         yield Paragraph(f"\nNote: {warning}")
 

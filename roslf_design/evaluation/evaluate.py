@@ -375,7 +375,9 @@ def evaluation_accuracy(
     """
     if design.has_exact_areas:
         method = f"closed forms and exact {'disc ' if design.sees_discs else ''}areas"
-        known = f"every number of the model computed to ±{ROUNDING:.0e} of its value"
+        known = (
+            f"arithmetic alone: rounding is below {ROUNDING:.0e} of each number; it says nothing of the camera built"
+        )
         model = "the model has an ideal lens: what the one that is bought adds is not in it" * (design.lens is None)
         return Accuracy(
             "every number", "of its value", method, ROUNDING, asked=asked, seconds=seconds, model=model, known=known

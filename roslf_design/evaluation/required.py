@@ -36,6 +36,23 @@ DETAILS = (DETAIL, "mtf10_lp_per_mm", "mtf50_lp_per_mm")
 """Resolutions, which diffraction ends."""
 DARKEST, HALVINGS = math.log(1e6), 12
 """Logarithm of the share of a full pixel from which on least light is looked for, and steps of that."""
+MARGINAL = 0.5
+"""Share of the builds from which what is required is marginal, and no more missed."""
+OUTCOMES = {"met": "good", "marginal": "limit", "missed": "fault"}
+"""Levels of verdict of what is required, by its outcome."""
+
+
+def outcome_of(share: float, target: float) -> str:
+    """Outcome of what is required, by the share of builds that meet it and the target yield."""
+    return "met" if share >= target else "marginal" if share >= MARGINAL else "missed"
+
+
+def outcomes_words(target: float) -> str:
+    """Sentence on the shares that `outcome_of` goes by."""
+    return (
+        f"Met: by {100 * target:.4g} % of the builds at least, the target yield; marginal: by {100 * MARGINAL:g} %; "
+        "missed: by fewer."
+    )
 
 
 @dataclass(frozen=True)
@@ -69,6 +86,8 @@ class Requirement:
     """Microlens that sees that place; None in the middle, and where the sensor does not see the place."""
     coverage: float = 1.0
     """Factor k of a file that limits U: words tell k times the value and the limits, which are of u."""
+    by_builds: str = ""
+    """Outcome by the share of a tolerance study's builds; empty where these do not tell it."""
 
     def holds(self, values: Array | float) -> NDArray[np.bool_]:
         """Where values are within, but for what an optimiser's rounding may leave; nowhere where they are NaN."""
@@ -103,8 +122,8 @@ class Requirement:
         return f"U = {self._with_unit(COVERAGE * value)}"
 
     def beside(self, once: str, expanded: Array) -> Requirement:
-        """Requirement of a depth that is met `once` something is done, and U of lengths as a first look builds them."""
-        bare = f"without a calibration, lengths as a first look builds them, U = {uncertainty(float(expanded), 4)}"
+        """Requirement of a depth that is met `once` something is done, and U uncalibrated."""
+        bare = f"uncalibrated, by default tolerances, U = {uncertainty(float(expanded), 4)}"
         told = replace(self, counts=clauses(self.counts, bare))
         if not (self.met and once):
             return told
@@ -123,7 +142,15 @@ class Requirement:
     @property
     def outcome(self) -> str:
         """Whether it is met, in words."""
-        return f"met {self.only}".rstrip() if self.met else "not met"
+        if self.met and self.by_builds in ("", "met"):
+            return f"met {self.only}".rstrip()
+        return self.by_builds if self.met else "missed"
+
+    @property
+    def level(self) -> str:
+        """Level of its verdict: good, limit or fault."""
+        level = OUTCOMES[self.by_builds or "met"] if self.met else "fault"
+        return "limit" if level == "good" and self.only else level
 
     @property
     def verdict(self) -> Verdict:
@@ -134,17 +161,16 @@ class Requirement:
         counts = f" ({counts})" if counts else ""
         caution = f", {self.caution.replace('; ', ', and ')}" if self.caution else ""  # no verdict in brief cuts it
         text = f"{self.label} is {self.value_words}{counts}{caution}, required {self.both_limits}"
-        if self.met and self.only:
-            name = f"required_{self.quantity}{where}"
-            return Verdict(name, False, "limit", f"{self.outcome}: {text}", self.remedy)
+        name, level = f"required_{self.quantity}{where}", self.level
         if self.met:
-            return Verdict.of(f"required_{self.quantity}{where}", f"as required: {text}")
+            how = "as required" if level == "good" else self.outcome
+            return Verdict(name, level == "good", level, f"{how}: {text}", "" if level == "good" else self.remedy)
         short = ""
         if self.value is not None and math.isfinite(self.value):
             low, high = -math.inf if self.min is None else self.min, math.inf if self.max is None else self.max
             by = max(low - self.value, self.value - high)
             short = f", missed by {self._with_unit(by)}" if by > 0 else ""
-        return Verdict.of(f"required_{self.quantity}{where}", f"not as required: {text}{short}", self.remedy or WAYS)
+        return Verdict.of(name, f"not as required: {text}{short}", self.remedy or WAYS)
 
 
 def _label(shown: FieldImages, stated: Required, quantity: Quantity, asked: Required) -> str:

@@ -157,6 +157,7 @@ class Evaluation:
         data = {"schema": SCHEMA, **plain(self, undefined=False)}
         del data["depth_budget"]  # it is depth.expected
         for one in data["required"]:
+            del one["by_builds"]  # of builds that an evaluation has none of
             if (k := one.pop("coverage")) != 1:
                 told = {key: one[key] and k * one[key] for key in ("min", "max", "value")}
                 one |= {"quantity": EXPANDED, **told}

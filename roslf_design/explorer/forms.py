@@ -88,7 +88,7 @@ class ToleranceRequest:
     calibrated: bool = True
     """Whether the decoder is calibrated on each build."""
     limits: tuple[MetricGoal, ...] = ()
-    """Limits besides the first look's."""
+    """Limits besides the default ones."""
     only_own: bool = False
     """Whether they stand instead of those."""
 
@@ -141,7 +141,7 @@ USUAL_LIMITS = (
     f"image fill within {100 * FILL:g} % of nominal, depth noise {100 * DEPTH:g} % more at most, no field "
     f"losing more than {100 * KEPT:g} % of its light, image centres found to {CENTRE:g} px"
 )
-"""The first look's limits in words."""
+"""Default limits in words."""
 LIMITED = [
     {"key": name, "label": metric.label.replace("_Z", "").replace("_", "") + f" [{metric.unit}]" * bool(metric.unit)}
     for name, metric in (METRICS | DISTANT).items()

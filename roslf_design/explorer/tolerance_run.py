@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..camera import Camera
-from ..evaluation.required import limits_for_study, missed_words, required_of
+from ..evaluation.required import limits_for_study, missed_words, outcome_of, outcomes_words, required_of
 from ..reporting.story import quick_study
 from ..reporting.tolerance.pages import depth_sentence, impossible_words, loose_words
 from ..reporting.tolerance.pictures import LimitSpread, Offender, Yields
@@ -49,16 +49,19 @@ class ToleranceResult(Yields):
     spreads: tuple[LimitSpread, ...]
     question: str
     """The limits in words."""
+    target: float
+    """Target yield, which outcomes go by."""
 
     def page(self) -> dict[str, Any]:
         """Values for the page."""
         share, (low, high) = self.share, self.share.interval
         return {
             "headline": f"{_percent(share.value)} of the Monte Carlo units (builds) hold every limit "
-            f"(95 % interval {_percent(low)} to {_percent(high)}; {share.trials:,} builds)",
+            f"(95 % interval {_percent(low)} to {_percent(high)}; {share.trials:,} builds): "
+            f"{outcome_of(share.value, self.target)}",
             "question": to_html(self.question),
             "rows": [
-                {"label": to_html(label), "share": _percent(share.value)}
+                {"label": to_html(label), "share": f"{_percent(share.value)}, {outcome_of(share.value, self.target)}"}
                 for label, share in sorted(self.limits, key=lambda limit: limit[1].value)
             ],
         }
@@ -129,7 +132,8 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
         question=f"{trials:,} Monte Carlo units (builds) to the grade '{study.grade}', the decoder {decoder}. A build "
         "is good with: "
         f"{'; '.join(held)}. "
-        f"{' '.join(filter(None, told))}",
+        f"{' '.join([outcomes_words(study.yield_target), *filter(None, told)])}",
+        target=study.yield_target,
     )
 
 

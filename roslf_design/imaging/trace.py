@@ -73,7 +73,7 @@ from .surfaces import (
 KICKS = 4096
 """Directions that stand for an opening's diffraction."""
 GROUPS = 4
-"""Groups of a pixel's rays whose means tell its error, each spread as evenly as all; as many rays at the first look."""
+"""Groups of a pixel's rays whose means tell its error, each spread as evenly as all; as many rays at first."""
 FEWEST = 4
 """Rays of a pixel, at least."""
 TOGETHER = 4
@@ -96,7 +96,7 @@ class RaySampling:
     """Sampling: the number of rays that a pixel gets."""
 
     least: int = 32
-    """Rays before the first look at the error."""
+    """Rays before the error is first looked at."""
     most: int = 1024
     """Rays after which no more are spent."""
     tolerance: float = 0.01

@@ -48,6 +48,13 @@ class Statement:
     """The answer with its margin."""
     remedy: str = ""
     """Remedy in a sentence; empty where nothing needs mending."""
+    lead: int = 0
+    """Letters of the text that are set large: the number that it is about."""
+
+    @property
+    def rest(self) -> str:
+        """Text behind these."""
+        return self.text[self.lead :].lstrip(". ") if self.lead else self.text
 
 
 @dataclass(frozen=True)

@@ -268,7 +268,13 @@ def _block(block: Block, root: Path) -> dict[str, Any]:
             return {"kind": "paragraph", "text": spans(block.text)}
         case Statements():
             items = [
-                {"tone": item.tone, "mark": MARKS[item.tone][0], "text": spans(item.text), "remedy": spans(item.remedy)}
+                {
+                    "tone": item.tone,
+                    "mark": MARKS[item.tone][0],
+                    "lead": item.text[: item.lead],
+                    "text": spans(item.rest),
+                    "remedy": spans(item.remedy),
+                }
                 for item in block.items
             ]
             return {"kind": "statements", "items": items}

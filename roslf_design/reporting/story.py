@@ -1,4 +1,4 @@
-"""Reports made whole: a design with a first look at tolerances and calibration, a study, or a story of several.
+"""Reports made whole: a design with default tolerances and a calibration plan, a study, or a story of several.
 
 A story (docs/reference/story-file.md) carries a design through optimisation, tolerances and a calibration plan. Parts
 run in their order. The first gets the story's design, each later one what the part before it passes on: an optimisation
@@ -171,12 +171,12 @@ def _read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = ""
 # --- studies ----------------------------------------------------------------------------------------------------------
 
 TRIALS, TRACED = 4096, 1024
-"""Units of a first look; and behind a real lens, where each is traced: their intervals are twice as wide."""
+"""Units of default tolerances; and behind a real lens, where each is traced: their intervals are twice as wide."""
 GRADE = "precision"
 FILL, KEPT, CENTRE, DEPTH = 0.1, 0.01, 1.0, 0.1
 """Limits: change of the image fill, light lost, image centres off [px], growth of the depth noise."""
 QUESTION = (
-    f"A first look, with limits that this report sets itself: {{}} Monte Carlo units (builds) to the grade "
+    f"No tolerance study is at hand, so these limits are the report's own: {{}} Monte Carlo units (builds) to grade "
     f"'{GRADE}' (engineering judgement, as the table of grades says), the decoder calibrated on each. A build is "
     f"good where its image fill stays within {100 * FILL:g} % of the nominal, its depth noise grows by "
     f"{100 * DEPTH:g} % at most, no field loses more than {100 * KEPT:g} % of the light that it nominally gets, and "
@@ -227,17 +227,17 @@ def _builds_alone(
 def _quick_tolerances(
     design: Design, seed: int = 0, progress: CountedProgress = silent, trials: int | None = None
 ) -> StudyResult:
-    """The first look; behind a real main lens, builds are what `roslf tolerance` makes of them."""
+    """Default tolerances; behind a real main lens, builds are what `roslf tolerance` makes of them."""
     data = quick_study(design, seed)
     # What nobody asked for needs no budget.
     return _run_tolerances(data | {"trials": trials or data["trials"]}, design, progress=progress, budgets=False)
 
 
 def quick_study(design: Design, seed: int = 0) -> dict[str, Any]:
-    """The first look as its file would say it, without the design: limits relative to the nominal."""
+    """Default tolerances as a study's file would say them, without the design: limits relative to the nominal."""
     trials = TRACED if design.main_lens.kind.mounted else TRIALS
     data: dict[str, Any] = {
-        "name": f"first look, {GRADE} grade",
+        "name": f"default tolerances, {GRADE} grade",
         "question": QUESTION.format(trials),
         "trials": trials,
         "grade": GRADE,
@@ -280,7 +280,7 @@ def full_report(
     progress: CountedProgress = silent,
     **options: Any,
 ) -> Report:
-    """A design's report with a first look at tolerances and a calibration plan, or what was `calibrated` instead.
+    """A design's report with default tolerances and a calibration plan, or what was `calibrated` instead.
 
     `calibration` is the latter's folder: the data sheet is then of the instrument, with what is left uncertain of it,
     where its lengths' covariance is known and is of this design. `seed` is of builds and boards' poses, `at` distances
@@ -511,7 +511,7 @@ def _looked(design: Design, calibration: Path | PlanOptions | None) -> LengthCov
 
 
 def _first_look_lengths(design: Design, seed: int) -> LengthCovariance:
-    """Lengths as a first look builds them, known before a calibration that is planned."""
+    """Lengths as built to default tolerances, known before a calibration that is planned."""
     return lengths_built(tolerance_plan(quick_study(design, seed), design)[0])
 
 
@@ -525,7 +525,7 @@ def known_before(path: Path, seed: int) -> tuple[Design, LengthCovariance, str]:
     """
     if load_story_or_study(path)[0] != "tolerance":
         design = as_design(str(path))
-        return design, _first_look_lengths(design, seed), f"a first look's tolerances ({GRADE} grade)"
+        return design, _first_look_lengths(design, seed), f"default tolerances ({GRADE} grade)"
     plan = tolerance_plan(read_toml(path, str(path)), None, path.parent, str(path))[0]
     return plan.question.design, lengths_built(plan), f"tolerances of the study {plan.name}"
 
@@ -545,7 +545,7 @@ def _first_look(
     built: LengthCovariance | None = None,
     at: Sequence[float] = (),
 ) -> tuple[dict[str, Finding], LengthCovariance | None]:
-    """Findings about a design, with a first look at tolerances and a calibration plan where these are not known.
+    """Findings about a design, with default tolerances and a calibration plan where these are not known.
 
     Beside them the lengths as built, where a study knows them. Where pixels are no views, what is known.
     """

@@ -121,8 +121,8 @@ class DepthBudget:
 
     @property
     def words(self) -> str:
-        """The combined standard uncertainty and its largest term, of one build."""
-        return f"u = {uncertainty(float(self.u_z_mm), 3)}, mostly {self.largest.name}"
+        """The expanded uncertainty and its largest term, of one build."""
+        return f"U = {uncertainty(float(self.expanded_mm), 3, '± ')}, mostly {self.largest.name}"
 
     @property
     def left_out(self) -> str:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -50,10 +51,19 @@ from .sensitivities import (
     sobol_indices,
 )
 from .study import CALIBRATION, MOST_TRIALS, SAME_PLACE, Adjuster, Study, TolerancePlan, make_plan
-from .summaries import Variant, correlations, summarise
+from .summaries import LimitYield, Variant, correlations, summarise
 from .tally import Tally
 from .traced import notes
-from .trials import design_adjusted, final_faults, final_values, first_builds, lengths_built, measure_finally
+from .trials import (
+    design_adjusted,
+    final_faults,
+    final_values,
+    first_builds,
+    first_deviations,
+    holding,
+    lengths_built,
+    measure_finally,
+)
 from .yields import CONFIDENCE, ScaledBuilds, Yield, curve_trials, scale_for_yield, yield_at, yield_curve
 
 SCHEMA = "roslf.tolerance/1"
@@ -204,19 +214,20 @@ class StudyResult(BriefValue):
         """Requirements of the design, its lengths as built, as nobody calibrates them."""
         return required_of(self.plan.question.design, self.built)
 
-    def limited_otherwise(self) -> Iterator[tuple[Requirement, tuple[float, float], Yield, Yield | None]]:
-        """Requirements of the design that the study limits by other ends or by other values.
+    @cached_property
+    def uncounted(self) -> tuple[Requirement, ...]:
+        """Requirements that builds tell and no limit of the study is as narrow as."""
+        told = filter(of_builds, self.required)
+        return tuple(one for one in told if not _is_limited(self.plan, self.final, one))
 
-        Each with the study's own ends and the share that holds them, and the share that meets what is required; None
-        where builds do not tell that.
-        """
-        for one in self.required:
-            label, low, high = _limit_of(self.plan, one)
-            alike = [limit for limit in self.final.limits if label in (limit.label, limit.label.partition("@")[0])]
-            for limit in alike[:1]:
-                if (limit.low, limit.high) != (low, high) or one.quantity == "u_z_mm":
-                    shared = share_that_meets(self.plan, self.final, one)
-                    yield one, (limit.low, limit.high), limit.result, shared
+    @cached_property
+    def together(self) -> Yield:
+        """Yield of everything required: the study's limits and, over its first builds, what else builds tell."""
+        if not self.uncounted:
+            return self.final.result
+        deviations = first_deviations(self.plan, MANY)
+        holds = _meeting(self.plan, self.uncounted)[0] & holding(self.plan, deviations)
+        return Yield(int(holds.sum()), holds.size)
 
     @cached_property
     def short_of(self) -> tuple[tuple[str, float], ...]:
@@ -226,7 +237,7 @@ class StudyResult(BriefValue):
         """
         short = list[tuple[str, float]]()
         for one in self.required:
-            counted = is_limited(self.plan, self.final, one) and one.quantity != "u_z_mm"
+            counted = _is_limited(self.plan, self.final, one) and one.quantity != "u_z_mm"
             alone = one.met and not counted and of_builds(one)
             share = (share_that_meets(self.plan, self.final, one) if alone else None) or Yield(int(one.met), 1)
             if share.value < self.study.yield_target and not counted:
@@ -279,6 +290,7 @@ class StudyResult(BriefValue):
                 "of": self.final.name,
                 "left_out": self.left_out,
             },
+            "yield_required": self.together.to_dict(),
             "perturbations": [{name: getattr(p, name) for name in missed} for p in draws.perturbations],
             "groups": [{"group": name, "correlation": rho} for name, rho in draws.correlations],
             "variants": [variant.to_dict() for variant in self.variants],
@@ -324,10 +336,14 @@ def share_that_meets(plan: TolerancePlan, final: Variant, one: Requirement) -> Y
 
     None where neither tells it.
     """
-    for limit in final.limits:
-        if one.quantity != "u_z_mm" and (limit.label, limit.low, limit.high) == _limit_of(plan, one):
-            return limit.result
-    return share_that_meets_all(plan, [one])
+    own = own_limit(plan, final, one)
+    return share_that_meets_all(plan, [one]) if own is None else own.result
+
+
+def own_limit(plan: TolerancePlan, final: Variant, one: Requirement) -> LimitYield | None:
+    """The study's own limit that is just the requirement's; of a depth none, whose lengths it takes as known."""
+    alike = ((limit.label, limit.low, limit.high) == _limit_of(plan, one) for limit in final.limits)
+    return None if one.quantity == "u_z_mm" else next(compress(final.limits, alike), None)
 
 
 def share_that_meets_all(plan: TolerancePlan, required: Sequence[Requirement]) -> Yield | None:
@@ -335,15 +351,34 @@ def share_that_meets_all(plan: TolerancePlan, required: Sequence[Requirement]) -
     told = [one for one in required if of_builds(one)]
     if not told:
         return None
-    builds, good = first_builds(plan, MANY)
-    holds = good.copy()
-    with np.errstate(all="ignore"):  # of builds that are no cameras
-        for one in told:
-            holds &= one.holds(of_cameras(plan.question.design, QUANTITIES[one.quantity], builds.camera, one.at_mm))
+    holds, good, _ = _meeting(plan, told)
     return Yield(int(holds.sum()), int(good.sum()))
 
 
-def is_limited(plan: TolerancePlan, final: Variant, one: Requirement) -> bool:
+def _meeting(plan: TolerancePlan, told: Sequence[Requirement]) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Array]:
+    """Which of a plan's first builds meet all requirements and which are cameras, (T,); their values, (K, T)."""
+    builds, good = first_builds(plan, MANY)
+    holds, values = good.copy(), []
+    with np.errstate(all="ignore"):  # of builds that are no cameras
+        for one in told:
+            value = of_cameras(plan.question.design, QUANTITIES[one.quantity], builds.camera, one.at_mm)
+            values.append(np.broadcast_to(value, good.shape))
+            holds &= one.holds(value)
+    return holds, good, np.array(values)
+
+
+def culprit_of(plan: TolerancePlan, one: Requirement) -> tuple[str, float]:
+    """Place that most of a requirement's variance over a plan's first builds is of, and its share; empty of none."""
+    _, good, (values,) = _meeting(plan, [one])
+    if not (np.isfinite(values[good]).all() and np.ptp(values[good]) > 0):
+        return "", 0.0
+    drawn = first_deviations(plan, MANY)[:, good]
+    with np.errstate(all="ignore"):  # of tolerances of 0
+        shares = np.nan_to_num([np.corrcoef(own, values[good])[0, 1] ** 2 for own in drawn])
+    return plan.draws.perturbations[int(shares.argmax())].place, float(shares.max())
+
+
+def _is_limited(plan: TolerancePlan, final: Variant, one: Requirement) -> bool:
     """Whether a study's limits are as narrow as a requirement: off the axis at its microlens, else anywhere."""
     label, low, high = _limit_of(plan, one)
     alike = (limit for limit in final.limits if label in (limit.label, limit.label.partition("@")[0]))
@@ -359,9 +394,14 @@ def of_builds(one: Requirement) -> bool:
     return one.quantity != "u_z_mm" and one.field is None
 
 
+def asked_ends(one: Requirement) -> tuple[float, float]:
+    """Ends that are required."""
+    return -math.inf if one.min is None else one.min, math.inf if one.max is None else one.max
+
+
 def _limit_of(plan: TolerancePlan, one: Requirement) -> tuple[str, float, float]:
     """Label of a study's column of the quantity, empty where it has none, and the ends that are required."""
-    low, high = -math.inf if one.min is None else one.min, math.inf if one.max is None else one.max
+    low, high = asked_ends(one)
     if one.field is None:
         return Column(one.quantity, None, one.at_mm).label, low, high
     name = {whole: at_field for at_field, whole in AT_FIELD.items()}.get(one.quantity, one.quantity)

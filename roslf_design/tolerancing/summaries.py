@@ -74,7 +74,7 @@ class ColumnSummary:
 
 
 @dataclass(frozen=True)
-class _LimitYield:
+class LimitYield:
     """One limit alone, over the builds that are cameras."""
 
     label: str
@@ -98,15 +98,15 @@ class Variant:
     """Builds that are no cameras: parts collide, a number is beyond what it can be."""
     faults: tuple[tuple[str, int], ...]
     """Why, in words, and in how many, most first; a build may have several reasons."""
-    limits: tuple[_LimitYield, ...]
+    limits: tuple[LimitYield, ...]
     distributions: tuple[ColumnSummary, ...]
 
     @property
-    def weakest(self) -> _LimitYield:
+    def weakest(self) -> LimitYield:
         """The limit that fails most often; among those that never fail, the one whose room scatter uses most of."""
         return min(self.limits, key=self.strength)
 
-    def strength(self, limit: _LimitYield) -> tuple[int, float]:
+    def strength(self, limit: LimitYield) -> tuple[int, float]:
         """Builds that hold a limit, and its room over the scatter of what it limits: the weaker the less."""
         column = next(column for column in self.distributions if column.label == limit.label)
         told = finite if math.isinf(column.high) or math.isinf(column.nominal) else np.asarray
@@ -138,7 +138,7 @@ def summarise(plan: TolerancePlan, tally: Tally) -> tuple[Variant, ...]:
                 if tally.faults[v, reason]
             ),
             tuple(
-                _LimitYield(
+                LimitYield(
                     plan.columns[limit.column].label,
                     limit.low,
                     limit.high,

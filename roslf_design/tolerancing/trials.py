@@ -185,11 +185,16 @@ def first_builds(
 
     Others have nominal numbers. Behind a real main lens their `camera` is of thin-lens models.
     """
-    count = min(count, plan.chunk_trials(0))
-    deviations = plan.draws.deviations(np.ascontiguousarray(plan.draws.uniforms(0, plan.chunk, 0, count)))
+    deviations = first_deviations(plan, count)
     values = final_values(plan, deviations)
     question = replace(plan.question, fields=fields) if fields else plan.question
-    return builds_of(question, values, count)
+    return builds_of(question, values, deviations.shape[1])
+
+
+def first_deviations(plan: TolerancePlan, count: int) -> Array:
+    """Deviations of a plan's first builds [tolerances], (P, builds)."""
+    count = min(count, plan.chunk_trials(0))
+    return plan.draws.deviations(np.ascontiguousarray(plan.draws.uniforms(0, plan.chunk, 0, count)))
 
 
 def lengths_built(plan: TolerancePlan) -> LengthCovariance:

@@ -505,7 +505,7 @@ def test_the_plan_of_the_paper(capsys):
     code, out, _ = run(capsys, "calibrate", "--plan", "paper")
     assert code == 0
     assert "Expected sigma after one change" in out
-    # As a report has it, which takes a first look's tolerances as known; beside it the same by captures alone.
+    # As a report has it, which takes default tolerances as known; beside it the same by captures alone.
     assert "Calibration as planned, with tolerances known before: depth, expected, to U = ± 0.77 mm" in out
     assert "By captures alone, of a camera whose tolerances nobody knows: ± 7.0" in out
     known = json.loads(exact)["depth_with_tolerances"]["u_z_mm"]

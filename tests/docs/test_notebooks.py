@@ -27,7 +27,7 @@ def printed(outputs):
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_shows_what_is_stored_in_it(path, tmp_path, monkeypatch):
-    few_builds(monkeypatch)  # of reports; no notebook prints what their first look at tolerances says
+    few_builds(monkeypatch)  # of reports; no notebook prints what their default tolerances say
     without_figures(monkeypatch)  # nor does anybody look at those that reports draw
     if path.stem == "calibrate":  # which prints lengths alone
         few_waves(monkeypatch)

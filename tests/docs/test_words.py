@@ -25,6 +25,7 @@ RETIRED = {
     r"\bsheets? tells?\b": "states",
     r"\bthin twins?\b": "thin-lens model",
     r"\bFeel how\b": "interactive explorer",
+    r"\b[Ff]irst look\b": "default tolerances",
 }
 """Words with the meaning for which they were retired, and what stands there now."""
 EXCEPTIONS = {

@@ -251,7 +251,7 @@ def test_depth_that_is_required_says_what_it_counts_as_the_budget_has_it():
     for planned, words in ((None, "met as drawn"), (plan, "met once calibrated as planned")):
         held = held_as_planned(bare, shown, loose, planned)
         assert held.verdicts[0].text.startswith(f"{words}: depth, expected")
-        assert f"as a first look builds them, {uncalibrated}" in held.verdicts[0].text
+        assert f"uncalibrated, by default tolerances, {uncalibrated}" in held.verdicts[0].text
         assert held.verdicts[1:] == bare.verdicts[1:]
     remedy = short.verdicts[0].remedy  # noise alone holds it: what spoils it is no work for an optimiser
     assert "`roslf calibrate --plan`" in remedy
@@ -375,7 +375,7 @@ def test_limits_are_written_for_studies_as_files_have_them():
 def test_the_data_sheet_says_whether_it_is_met():
     rows = [row for row in basis(asked('outer_diameter_mm = {max = "2 mm"}')).rows if row.subject == "Required"]
     assert [(row.value, row.unit, row.remark) for row in rows] == [
-        (3.0, "mm", "not met: at most 2 mm; without wall, sensor package or light guide")
+        (3.0, "mm", "✗ missed: at most 2 mm; without wall, sensor package or light guide")
     ]
 
 

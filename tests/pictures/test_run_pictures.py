@@ -60,6 +60,7 @@ TOLERANCE = ToleranceResult(
     ),
     curve=((0.5, MOST), (1.0, HALF), (2.0, Yield(0, 4000))),
     question="",
+    target=0.95,
 )
 OPTIMUM = OptimiseResult(
     goal=GOALS["depth"],

@@ -46,7 +46,7 @@ def rough_resolution(patch):
 
 
 def few_builds(patch):
-    """A first look at tolerances by a handful of builds, at other scales by fewer; sheets' lines and maps by fewer.
+    """Default tolerances by a handful of builds, at other scales by fewer; sheets' lines and maps by fewer.
 
     Resolution is rough. Without predicted depth precision, which is many times the work of all else; its curve over
     distance, half of what a whole report takes, is a polygon too. No figure is tried

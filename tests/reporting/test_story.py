@@ -178,16 +178,16 @@ def test_a_study_alone_makes_a_whole_report(folder, kind, section, without_figur
     assert load_story_or_study(folder / f"{kind}.toml") == (kind, None)
     report = study_report(kind, folder / f"{kind}.toml")
     titles = [part.title for part in report.sections]
-    first_look = "A first look at tolerances, by default limits"
+    default = "Default tolerances and limits"
     assert titles[:2] == ["Summary", "Data sheet"]  # a report opens with its answers
     assert {section, "Calibration plan", "Parts list", "Accuracy"} <= set(titles)
-    assert (first_look in titles) == (kind != "tolerance")
-    # A verdict is by limits that the user set, as in the tolerance study; those of a first look are nobody's.
+    assert (default in titles) == (kind != "tolerance")
+    # A verdict is by limits that the user set, as in the tolerance study; default ones are nobody's.
     yields = [s for block in blocks(report, Statements) for s in block.items if s.text.startswith("Yield ")]
     assert len(yields) == (2 if kind == "tolerance" else 1)
     judged = {s.tone in ("good", "bad") for s in yields}
     assert judged == {kind == "tolerance"}
-    assert all(("limits that this report sets itself" in s.text) == (kind != "tolerance") for s in yields)
+    assert all(("by default limits, not yours" in s.text) == (kind != "tolerance") for s in yields)
     sheet = report.sections[1].blocks
     told = [row[2] for block in sheet if isinstance(block, Table) for row in block.rows]
     assert any(cell.startswith("±") for cell in told) == (kind == "tolerance")
@@ -285,8 +285,8 @@ def test_a_required_depth_is_that_of_the_camera_calibrated_as_planned(without_fi
     lead, built, calibrated = tables["Depth, expected"].rows[:3]
     assert lead[0] == "expanded uncertainty U in the focal plane, k = 2, as drawn"
     assert lead[-1].endswith("quote it of no camera")
-    assert built[0] == "U in the focal plane, without a calibration, lengths as a first look builds them"
-    assert required[-1].endswith(f"without a calibration, lengths as a first look builds them, U = {built[1]}")
+    assert built[0] == "U in the focal plane, without a calibration, lengths as built to default tolerances"
+    assert required[-1].endswith(f"uncalibrated, by default tolerances, U = {built[1]}")
     assert calibrated[0] == "U in the focal plane, with lengths as calibrated"
     assert f"; U = {calibrated[1]}" in required[-1]
     assert calibrated[-1].endswith(", as planned; required depths count it")

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from roslf_design.design import load
 from roslf_design.errors import InputError
-from roslf_design.reporting.tolerance.pages import remedies, tables, travel_words
+from roslf_design.reporting.tolerance.pages import _travel_words, remedies, tables
 from roslf_design.tolerancing.budgets import _adjusted, _Builds, search_trials, searched_builds
 from roslf_design.tolerancing.places import load_grades, nominal_values
 from roslf_design.tolerancing.result import analyse
@@ -323,7 +323,7 @@ def test_the_page_proposes_focus_where_lengths_that_it_takes_out_are_at_fault():
     assert result.final.result.value == 1.0
     (said,) = result.to_dict()["compensators"]
     assert (said["place"], said["aim"], said["range"], said["trials_at_end"]) == (D_1, "focus", travel, 0)
-    assert travel_words(result, result.adjusters[0]).startswith(
+    assert _travel_words(result, result.adjusters[0]).startswith(
         "d_1 is set to the focus on each of 512 builds: travel up to ± "
     )
     assert not [one for one in result.budget.adjustments if one.aim == "focus"] if result.budget else True
@@ -338,7 +338,7 @@ def test_travel_that_ends_is_told_with_the_builds_that_rest_there():
     # d_1 follows f by (d_f/(d_f - f))^2 = 1.96: half of the builds ask for more than 0.98 mm.
     assert result.adjusters[0].at_end == pytest.approx(512, abs=8)
     share = f"{100 * result.adjusters[0].at_end / 1024:.3g} %"
-    assert travel_words(result, result.adjusters[0]).endswith(
+    assert _travel_words(result, result.adjusters[0]).endswith(
         f": {share} of them rest at the end of its travel, ± 0.98 mm."
     )
 

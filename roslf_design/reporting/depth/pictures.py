@@ -76,7 +76,8 @@ def _depth_map(trial: Measurement, reasons: dict[int, str]) -> Picture:
     across, up = Scale(*box[:2]), Scale(*box[2:])
     ratio = (up.high - up.low) / (across.high - across.low)
     down = ratio < TALL
-    page = PAGE if down else PAGE / 2
+    off = None if sphere is None else depth - sphere[turn]
+    page = PAGE if down else PAGE / (2 if off is None else 3)
     width = page - LEFT - RIGHT
     height = width * ratio
     if height > HIGHEST:
@@ -86,10 +87,15 @@ def _depth_map(trial: Measurement, reasons: dict[int, str]) -> Picture:
     marks = [Image(np.where(status == code, 1.0, np.nan), box, UNKNOWN[code]) for code in codes]
     pictures = []
     for title, values, label in (
-        (words.quantity, depth, words.symbol), ("its standard error", sigma, f"σ [{words.unit}]"),
+        (words.quantity, depth, words.symbol), ("depth less the sphere", off, f"off by [{words.unit}]"),
+        ("its standard error", sigma, f"σ [{words.unit}]"),
     ):  # fmt: skip
+        if values is None:
+            continue
         some = values[known]
         low, high = (0.0, 1.0) if not some.size else (float(q) for q in np.quantile(some, (0.005, 0.995)))
+        if values is off:
+            low, high = (sign * max(abs(low), abs(high)) for sign in (-1, 1))
         high = max(high, low + 1e-6 * max(abs(low), 1e-6))
         shades: list[Mark] = [Image(np.where(known, values, np.nan), box, "cividis", low, high)]
         if sphere is not None and values is depth:
@@ -103,7 +109,9 @@ def _depth_map(trial: Measurement, reasons: dict[int, str]) -> Picture:
         pictures.append(Picture(title, title, size, (panel, colour_bar(panel, low, high, "cividis", label))))
     shares = run.unknown()
     keys = [box_key(f"{reasons[n]}: {100 * shares[reasons[n]]:.3g} %", UNKNOWN[n], edge="grey") for n in codes]
-    keys += [line_key("contours of the sphere that fits best", *CONTOUR)] if sphere is not None else []
+    if sphere is not None and trial.sphere is not None:
+        radius = f"{short(trial.sphere.radius, 3)} ± {short(trial.sphere.sigma, 2)} mm"
+        keys.append(line_key(f"contours of the sphere that fits best, of radius {radius}", *CONTOUR))
     of = "microlenses" if run.geometry.place_unit == "mm" else "pixels"
     title = f"{words.quantity.capitalize()} of {known.sum()} of {known.size} {of} and its standard error"
     return beside("depth-map", title, pictures, keys, down=down)

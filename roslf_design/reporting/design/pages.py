@@ -159,7 +159,7 @@ def design_report(
                 *fact_tables(result),
                 *_given(mapping_table(result)),
                 field_table(result),
-                budget_table(result),
+                _ray_budget(result),
                 *depth_budget_tables(result),
             ),
         ),
@@ -176,6 +176,14 @@ def design_report(
         making(command, tuple(one.seed for one in studied if one.seed), stamp, design),
     )
     return Report(design.name, design.source, sections)
+
+
+def _ray_budget(result: Evaluation) -> Block:
+    """Table of the ray budget, or a sentence where nothing takes any light."""
+    parts = [part for field in result.fields for part in field.ray_budget.taken() if part[0] != "FAP"]
+    if any(abs(share - (name == "own cell")) > 5e-5 for name, share in parts):
+        return budget_table(result)
+    return Paragraph("Ray budget: all rays that fill the pupil reach their microlens's own pixels.")
 
 
 def _with_lengths(grounds: SpreadSources) -> tuple[float | None, float | None]:

@@ -40,7 +40,10 @@ from .pictures import SAME, bore_and_stop, ends_differ, ends_of, goal_front, rob
 TITLES = {
     "bore": ("One stop for the bore", "The field where the two lines part is where the model of one stop misleads."),
     "front": ("What one goal costs of another", "Every point is a design; none is better in every goal."),
-    "robust": ("Yield of Monte Carlo units (builds)", "On fresh deviations, which neither design was chosen for."),
+    "robust": (
+        "Yield of Monte Carlo units (builds)",
+        "On fresh deviations, which neither design was chosen for. Limits that every build holds are not drawn.",
+    ),
 }
 
 PRESSED = 1e-6

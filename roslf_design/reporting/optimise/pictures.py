@@ -209,7 +209,11 @@ def bore_and_stop(field: Array, bore: Array, stop: Array, misplaced: Array) -> P
 
 
 def robust_yields(rows: Sequence[tuple[str, float, float]]) -> Picture:
-    """Draw the share of builds that hold each constraint: rows of name, share of the nominal, of the robust design."""
+    """Draw the share of builds that hold each constraint: rows of name, share of the nominal, of the robust design.
+
+    Without those that every build holds; the last, of all together, is always there.
+    """
+    rows = [*(row for row in rows[:-1] if min(row[1:]) < 1), *rows[-1:]]
     width, each, names = 672, 28.0, [name for name, *_ in rows]
     marks: list[Mark] = []
     for k, (_, *shares) in enumerate(rows):

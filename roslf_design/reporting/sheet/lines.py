@@ -21,7 +21,7 @@ from ...camera import Camera
 from ...design import dumps
 from ...errors import expect, refusal
 from ...evaluation.answer import FirstAnswer
-from ...evaluation.required import Requirement, requirements
+from ...evaluation.required import Requirement, outcome_of, outcomes_words, requirements
 from ...evaluation.result import MARKS, depth_basis, focused_table
 from ...evaluation.specification import (
     CRITERION,
@@ -55,7 +55,7 @@ from ...theory.stop_images import MicrolensImages
 from ...theory.tube import WIDTHS, unsaid_bore
 from ...tolerancing.metrics import of_cameras
 from ...tolerancing.places import short_name
-from ...tolerancing.result import MANY, is_limited, of_builds, share_that_meets, share_that_meets_all
+from ...tolerancing.result import MANY, of_builds, share_that_meets, share_that_meets_all
 from ...tolerancing.trials import first_builds, lengths_built
 from ...traced.fields import IdealImages
 from ...words import ROUNDING, clauses, listed, number
@@ -111,8 +111,6 @@ SPECIFIED, RESOLVED = 0.1, 10.0
 others, about."""
 NONE = "–"
 """Revision or date where none is given."""
-OWN_LIMITS = "The study's limits leave out, and its yield does not count: "
-OWN_VALUES = "For these, the study's limits and yield judge other values than Required does: "
 NOMINAL = "Nominal values, but where a line says built or calibrated: no tolerance study is at hand."
 TILTED = "Parts are tilted; the data sheet is of the straight ones, but for what tilted stops cut."
 
@@ -188,16 +186,17 @@ class BuildSpread(NamedTuple):
         return {key: deviation for key, deviation in deviations.items() if math.isfinite(deviation)}
 
     def judged(self, one: Requirement) -> Requirement:
-        """Requirement with the share of builds that meet it: met as drawn, no more, below the target yield."""
-        share, words, only, remedy = 1.0, "of the nominal design", one.only, one.remedy
-        if (meeting := share_that_meets(self.plan, self.final, one)) is not None:
-            share, words = meeting.value, f"{number(100 * meeting.value, 4)} % of {meeting.trials:,} builds meet it"
-        if one.met and share < self.target:
-            only = clauses("as drawn", only, by=", ")
+        """Requirement with the share of builds that meet it, and its outcome by that."""
+        meeting, remedy = share_that_meets(self.plan, self.final, one), one.remedy
+        if meeting is None:
+            return replace(one, counts=clauses(one.counts, "of the nominal design"))
+        words = f"{number(100 * meeting.value, 4)} % of {meeting.trials:,} builds meet it"
+        outcome = outcome_of(meeting.value, self.target)
+        if one.met and outcome != "met":
             more = f"tighter tolerances or adjustments, for {100 * self.target:.4g} % of builds to meet it"
             bore = unsaid_bore(Camera.of(self.plan.question.design)) if one.quantity in WIDTHS else ""
             remedy = clauses(bore, more, remedy)
-        return replace(one, counts=clauses(one.counts, words), only=only, remedy=remedy)
+        return replace(one, counts=clauses(one.counts, words), by_builds=outcome, remedy=remedy)
 
     def meeting_all(self, required: Sequence[Requirement]) -> str:
         """Sentence on the builds that meet all that is required of them together; empty where they tell nothing."""
@@ -208,17 +207,6 @@ class BuildSpread(NamedTuple):
         without = f" (but {listed(lacking)}, which builds do not tell)" if lacking else ""
         met = number(100 * share.value, 4)
         return f"{met} % of {share.trials:,} builds meet all that is required{without}. "
-
-    def uncounted(self, required: Sequence[Requirement]) -> str:
-        """Sentences on what is required and no limit of the study holds, or holds with the builds' own values."""
-        lacking = [one.label for one in required if not is_limited(self.plan, self.final, one)]
-        otherwise = [
-            f"{one.label} (lengths as drawn)"
-            for one in required
-            if one.label not in lacking and one.quantity == "u_z_mm"
-        ]
-        left_out = f"{OWN_LIMITS}{listed(lacking)}, as required. " if lacking else ""
-        return left_out + (f"{OWN_VALUES}{listed(otherwise)}. " if otherwise else "")
 
 
 class CalibrationSpread(NamedTuple):
@@ -275,9 +263,11 @@ class SpreadSources(NamedTuple):
     required: tuple[Requirement, ...] = ()
     """Requirements as builds meet them, where a tolerance study gives them."""
     looked: LengthCovariance | None = None
-    """Lengths as a first look builds them, known before a calibration that is planned."""
+    """Lengths as built to default tolerances, known before a calibration that is planned."""
     planned: CalibratedLengths | None = None
     """Lengths as a calibration that is planned will know them, for required depths and the depths by lengths."""
+    target: float | None = None
+    """Target yield of the tolerance study, where there is one."""
 
     @property
     def design(self) -> Design:
@@ -291,7 +281,7 @@ class SpreadSources(NamedTuple):
 
     @property
     def before(self) -> LengthCovariance | None:
-        """Lengths as they are known before a calibration: as built, else as a first look builds them."""
+        """Lengths as they are known before a calibration: as built, else to default tolerances."""
         return self.looked if self.build is None else self.build
 
     @property
@@ -428,8 +418,12 @@ def _required_lines(required: Iterable[Requirement]) -> Iterator[_SheetLine]:
         of, own = None, one.quantity if whole else ""
         if of_builds(one) and one.at_mm is not None:
             of = partial(_at_distance, QUANTITIES[one.quantity], one.at_mm, 1.0)
-        mark = f"{MARKS['limit']} " if one.met and one.only else ""
-        told = [f"{mark}{one.outcome}: {one.both_limits}", one.expanded(one.value), one.counts, one.caution]
+        told = [
+            f"{MARKS[one.level]} {one.outcome}: {one.both_limits}",
+            one.expanded(one.value),
+            one.counts,
+            one.caution,
+        ]
         text = "" if one.value is not None and math.isfinite(one.value) else one.value_words
         yield _SheetLine(REQUIRED, one.label, one.told, one.unit, clauses(*told), own, text, of)
 
@@ -630,7 +624,7 @@ def basis(
 ) -> SpreadSources:
     """A design's sheet, with what a tolerance study and a calibration know of it, and lines at distances asked for.
 
-    Without a study, a calibration takes the lengths as a first look builds them, `looked`, as known before.
+    Without a study, a calibration takes the lengths as built to default tolerances, `looked`, as known before.
     `tell` hears what share is known.
     """
     shown = FieldImages.of(design)
@@ -653,7 +647,6 @@ def basis(
             f"{built.meeting_all(required)}Tolerances are two standard deviations over {built.plan.trials:,} Monte "
             f"Carlo units (builds) of the study {built.plan.name}; yield {share:.2f} % by its own limits (95 % "
             f"interval {interval_words(built.final.result)} %; {limits_words(built.final)}). "
-            + built.uncounted(required)
             + (f"{lost} Tolerances are of the others. " if (lost := impossible_words(built.final)) else "")
             + "Lines that the study does not "
             f"report go by the first {MANY} builds, those at a distance or a field by {FEW}."
@@ -667,12 +660,12 @@ def basis(
         )
         if build is not None and calibration.lengths.planned:
             sentences.append(
-                f"Tolerances{' of a first look' if own is None else ''} count as known before it, so that its U is no "
-                "larger than by captures alone, which `roslf calibrate --plan` tells beside it."
+                f"{'Default tolerances' if own is None else 'Tolerances'} count as known before it, so that its U is "
+                "no larger than by captures alone, which `roslf calibrate --plan` tells beside it."
             )
         if design is calibration.design and not calibration.lengths.planned:
             sentences.append("Values are those of that instrument.")
-    first_look = " Lines that say so take lengths as a first look builds them." if looked is not None else ""
+    first_look = " Lines that say so take lengths as built to default tolerances." if looked is not None else ""
     sentences.append("Lines without one (–) are nominal." if sentences else NOMINAL + first_look)
     sigma = {} if built is None else built.deviations(rows)
     calibrated = {} if calibration is None else calibration.deviations(rows, build, part_of(tell, end, 1.0))
@@ -683,7 +676,8 @@ def basis(
         if key in WIDTHS:  # of which no board tells: derivatives halve at what is as wide as the tube leaves
             calibrated[key] = sigma[key]
     told = (sheet, shown, rows, own, lengths, tuple(at), judged, looked)
-    return SpreadSources(tuple(sentences), sigma, calibrated, *told)
+    target = None if built is None else built.target
+    return SpreadSources(tuple(sentences), sigma, calibrated, *told, target=target)
 
 
 def _value(line: _SheetLine) -> str:
@@ -727,7 +721,7 @@ def _depths_by_lengths(grounds: SpreadSources) -> Iterator[tuple[str, DepthBudge
     for lengths, budget, quote, tells in (
         ("as drawn", depth_budget(camera), "compare designs by it; quote it of no camera", ""),
         (
-            "as a first look builds them" if looked else "as built",
+            "as built to default tolerances" if looked else "as built",
             None if before is None else depth_budget(camera, build=before),
             "quote it of cameras that nobody calibrates"
             + "; by tolerances of a grade, not yours, which a tolerance study's sheet has" * looked,
@@ -781,6 +775,7 @@ def datasheet_section(grounds: SpreadSources, tell: Share = UNHEARD) -> Section:
             noise += f" Caution: {doubt}."
     where = " ± at the focal plane is wherever a camera has that; elsewhere at the distance itself." if spreads else ""
     captions = {
+        REQUIRED: "" if grounds.target is None else outcomes_words(grounds.target),
         "Distances": SHARP,
         EXPECTED: "What a measured depth is to be believed to, on the axis: U, with k = 2, or u, one standard "
         "deviation. The first U leads; those below it take lengths otherwise, and each says when to quote it."
@@ -828,7 +823,7 @@ def datasheet_section(grounds: SpreadSources, tell: Share = UNHEARD) -> Section:
         f"Fields lie along a diagonal, detail along and across it, where {grounds.design.microlens_array.lens_shape} "
         "microlenses may pass other detail than along their rows. Lines, where any are drawn, join equal resolution."
         if len(drawn.panels) > 1
-        else "It is alike at every field that has light."
+        else "To a tenth it is alike at every field that has light."
     )
     blocks += [
         Figure.of("mtf", "MTF", curves, mtf_curves(grounds.design, grounds.shown.images)),

@@ -24,7 +24,7 @@ COLOURS = ("blue", "orange", "green")
 WIDTHS = (4.6, 2.8, 1.2)
 """Widths of the lines: where they lie on each other, each shows beside the next."""
 PLACES = ("centre", "edge", "corner")
-COLUMNS, ROWS, ALIKE, DEEP = 11, 9, 0.01, 5.0
+COLUMNS, ROWS, ALIKE, DEEP = 11, 9, 0.1, 5.0
 """Fields and distances of the map; share of detail below which corner and middle show alike; ratio of its far to its
 near end above which distances are drawn logarithmically."""
 ON_CURVE = 33
@@ -115,7 +115,7 @@ def resolution_map(design: Design, at: Sequence[float] = (), tell: Share = UNHEA
             curve = Line(finer, shown(own, 0, finer), "blue", 2.2)
             up = Scale(0.0, 1.08 * float(np.max(curve.y)))
             panel = Panel((0, 0, 1, 1), ahead, up, (curve,), "ahead of the tip [mm]", "MTF 50 % at [lp/mm]")
-            every = "as much at every field" + ("" if whole else " that has light")
+            every = f"to {100 * ALIKE:g} % as much at every field" + ("" if whole else " that has light")
             return one_panel("resolution-map", f"{title}, {every}", (PAGE, 190), panel, left=64)
     known = values[np.isfinite(values)]
     top = float(known.max(initial=0.0)) or 1.0

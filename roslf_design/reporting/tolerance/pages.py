@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,24 +17,51 @@ from ...bore.chain import COLLIDE
 from ...camera import Camera
 from ...design import Design
 from ...drawing.picture import Picture
+from ...evaluation.required import OUTCOMES, missed_words, outcome_of, outcomes_words
+from ...evaluation.result import MARKS as VERDICT_MARKS
 from ...fates import ImageFate
 from ...tables import Column
 from ...theory.depth_budget import DepthBudget
 from ...theory.field_of_view import focus_ahead
-from ...theory.quantities import EXPANDED, QUANTITIES, in_words
+from ...theory.quantities import in_words
 from ...theory.quantity import finite
+from ...theory.tube import WIDTHS, unsaid_bore
 from ...tolerancing.budgets import Change, ToleranceBudget
 from ...tolerancing.clearances import Missed, tight_clearances
 from ...tolerancing.draws import Perturbation
-from ...tolerancing.metrics import DISTANT, METRICS, mount_of
+from ...tolerancing.metrics import DISTANT, METRICS
 from ...tolerancing.places import display, perturbable, short_name
-from ...tolerancing.result import KNOWN_LENGTHS, AdjusterUse, StudyResult, WorstTrial, reach_of
+from ...tolerancing.result import (
+    KNOWN_LENGTHS,
+    AdjusterUse,
+    StudyResult,
+    WorstTrial,
+    asked_ends,
+    culprit_of,
+    of_builds,
+    own_limit,
+    reach_of,
+    share_that_meets,
+)
 from ...tolerancing.study import CALIBRATION, OWN, TolerancePlan
 from ...tolerancing.summaries import ColumnSummary, Variant, correlations, summarise
 from ...tolerancing.tally import Tally
 from ...tolerancing.traced import fates
 from ...tolerancing.yields import Yield
-from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
+from ..blocks import (
+    Block,
+    Bullets,
+    Code,
+    Figure,
+    Finding,
+    Paragraph,
+    Report,
+    Section,
+    Statement,
+    Statements,
+    Table,
+    Tone,
+)
 from .pictures import Yields, distributions, ranked_correlations, ranked_moves, yield_bars, yield_curve
 
 TOP = 12
@@ -54,6 +81,8 @@ EXACTLY = (
     "by captures alone `roslf calibrate --plan`."
 )
 """Words on errors that a study's calibration of each build has not."""
+TONES: dict[str, Tone] = {"met": "good", "marginal": "caution", "missed": "bad"}
+"""Tone of a yield, by its outcome."""
 MOST_FAULTS, MOST_WAYS = 4, 2
 """Reasons why builds cannot be put together that a sentence names."""
 AIMS = {"focus": "focus at assembly", "limits": "adjust"}
@@ -115,7 +144,10 @@ def tolerance_report(result: StudyResult, command: str) -> Report:
 def _tolerance_section(result: StudyResult, command: str = "", *, first_look: bool = False) -> Section:
     """A study as a section of a report; the command that reruns it is printed where given."""
     blocks: list[Block] = [Paragraph(result.study.question)] if result.study.question else []
-    blocks.append(Statements(tuple(_statements(result, first_look))))
+    limits, *others = tables(result)
+    answer = replace(_yield_statement(result, first_look=first_look), remedy="")
+    head = answer if first_look else replace(answer, text=f"{headline(result)}.")  # the table tells the rest
+    blocks += [Statements((head,)), limits, Statements(tuple(statements(result, first_look)))]
     weakest, adjusted = in_words(result.final.weakest.label), ", after adjustment" if len(result.variants) > 1 else ""
     for name, picture in tolerance_pictures(result).items():
         title, caption = FIGURES[name]
@@ -124,7 +156,7 @@ def _tolerance_section(result: StudyResult, command: str = "", *, first_look: bo
         blocks.append(
             Figure.of(f"tolerance-{name}", title, caption.format(weakest=weakest, adjusted=adjusted), picture)
         )
-    blocks += [_worded(table) for table in tables(result)]
+    blocks += [_worded(table) for table in others]
     if result.warnings:
         blocks.append(Bullets(tuple(in_words(warning) for warning in result.warnings)))
     if command:
@@ -133,37 +165,29 @@ def _tolerance_section(result: StudyResult, command: str = "", *, first_look: bo
 
 
 def tolerance_finding(result: StudyResult, *, first_look: bool = False) -> Finding:
-    """A study in a design's report; of a first look, whose limits nobody asked for, no verdict in the summary."""
+    """A study in a design's report; of default limits, which nobody asked for, no verdict in the summary."""
     plan = result.plan
-    title = "A first look at tolerances, by default limits" if first_look else "Tolerances and yield"
+    title = "Default tolerances and limits" if first_look else "Tolerances and yield"
     section = Section(title, _tolerance_section(result, first_look=first_look).blocks, "tolerances")
     said = None if first_look else _yield_statement(result, f"{plan.name}; design: {plan.question.design.name}")
     return Finding(section, said, f"Seed of the {plan.trials:,} builds: {plan.draws.seed}.")
 
 
-def headline(result: StudyResult) -> str:
-    """Sentence on the yield and its interval."""
-    plan, columns = result.plan, {column.label: column for column in result.final.distributions}
-    thin = {columns[limit.label].column.metric: columns[limit.label] for limit in result.final.limits}
-    untraced = "".join(
-        f"{in_words(name)} ({number(thin[name].nominal)} nominal) is judged by the thin-lens model, which `roslf "
-        f"evaluate` overrules by rays: it leaves out {left_out}. "
-        for name, left_out in plan.by_formula.items()
-        if name in thin
-    )
-    untraced += "".join(
-        f"{in_words(column.metric)} ({number(thin[column.metric].nominal)} nominal) is of rays through the nominal "
-        "lens; builds change from there as their thin-lens models do, by .4 to .9 of what rays through each say behind "
-        "the paper's singlet: leave it a margin, or hold non_distortion_room_mm at a field, which is traced. "
-        for column in plan.by_rays
-        if column.metric in thin and column.metric in mount_of(plan.question.design).left_out
-    )
+def headline(result: StudyResult, judged: bool = True) -> str:
+    """Yield of everything required, with its interval and its builds; `judged`: its outcome and target, too."""
+    all_of_it, own = result.together, result.final.result
     adjusted = "" if len(result.variants) == 1 else f" ({100 * result.variants[0].result.value:.2f} % as built)"
-    return (
-        f"{untraced[:1].upper()}{untraced[1:]}Yield {100 * result.final.result.value:.2f} %{adjusted}, "
-        f"95 % interval {interval_words(result.final.result)} %, "
-        f"{plan.trials:,} Monte Carlo units (builds), seed {plan.draws.seed}; {limits_words(result.final)}"
-    )
+    of = f"{all_of_it.trials:,} Monte Carlo units (builds), seed {result.plan.draws.seed}"
+    if result.uncounted:
+        alone = f"{100 * own.value:.2f} %{adjusted} of {own.trials:,}"
+        of, adjusted = f"the first {of}, by everything required; by the study's own limits {alone}", ""
+    return f"{_yield_words(result, judged)}. 95 % interval {interval_words(all_of_it)} %{adjusted}, of {of}"
+
+
+def _yield_words(result: StudyResult, judged: bool) -> str:
+    share, target = result.together.value, result.study.yield_target
+    verdict = f": {outcome_of(share, target)} (target yield {100 * target:.4g} %)" if judged else ""
+    return f"Yield {100 * share:.2f} %{verdict}"
 
 
 def limits_words(variant: Variant) -> str:
@@ -177,48 +201,16 @@ def limits_words(variant: Variant) -> str:
         edges.setdefault(what, set()).add((limit.low, limit.high))
     told = []
     for (name, unit), each in edges.items():
-        low, high = each.pop()
-        within = f"{number(low)} to {number(high)}"
-        if not math.isfinite(low) or not math.isfinite(high):
-            within = f"at most {number(high)}" if math.isfinite(high) else f"at least {number(low)}"
-        told.append(f"{name} by place" if each else f"{name} {within} {unit}".rstrip())
+        told.append(f"{name} by place" if len(each) > 1 else f"{name} {_ends_words(*each.pop(), unit)}")
     return f"limits: {', '.join(told)}"
 
 
-def short_words(result: StudyResult) -> str:
-    """Words on what is required, not in the yield, and met by too few builds; empty where nothing is."""
-    told = "; ".join(words for words, _ in result.short_of)
-    if not told:
-        return ""
-    if not any(QUANTITIES[name].label in told for name in ("u_z_mm", EXPANDED)):
-        return f"Builds fall short of what the design's [required] asks for: {told}."
-    said = any(one.quantity == "u_z_mm" for one, *_ in result.limited_otherwise())  # by `believed`
-    better = (
-        "" if said else " Of depth, once a camera is calibrated, believe the verdict with its lengths as calibrated."
-    )
-    return f"Builds that nobody calibrates fall short of what the design's [required] asks for: {told}.{better}"
-
-
-def believed(result: StudyResult) -> str:
-    """Sentences on what the design requires and the study limits otherwise, and which to believe; empty for none."""
-    told, of_depth = list[str](), False
-    for one, (low, high), share, meeting in result.limited_otherwise():
-        depth = one.quantity == "u_z_mm"
-        of_depth = of_depth or depth
-        lengths = "with lengths that nobody calibrates" if depth else "nominal"
-        met = f"{one.value_words} {lengths}, {'met' if one.met else 'not met'}"
-        if meeting is not None:
-            met = f"{100 * meeting.value:.4g} % of {meeting.trials:,} builds meet it"
-        ends = {"at least": one.coverage * low, "at most": one.coverage * high}
-        own = words.listed([f"{end} {number(edge)}" for end, edge in ends.items() if math.isfinite(edge)])
-        known = ", each with its own lengths known" if depth else ""
-        own = f"the study's own limit, {own} {one.unit}".rstrip()
-        told.append(f"{one.label}, required {one.limits}: {met}; {own}: {100 * share.value:.4g} % of builds{known}")
-    if not told:
-        return ""
-    calibrated = ", and of a calibrated camera's depth the report's verdict, which counts lengths as calibrated"
-    rest = f"Believe what is required{calibrated * of_depth}; the yield is by the study's own limits."
-    return f"Two limits on one figure: {'; '.join(told)}. {rest}"
+def _ends_words(low: float, high: float, unit: str) -> str:
+    """Ends of a limit in words."""
+    within = f"{number(low)} to {number(high)}"
+    if not math.isfinite(low) or not math.isfinite(high):
+        within = f"at most {number(high)}" if math.isfinite(high) else f"at least {number(low)}"
+    return f"{within} {unit}".rstrip()
 
 
 def depth_sentence(budget: DepthBudget | None, plan: TolerancePlan) -> str:
@@ -227,14 +219,17 @@ def depth_sentence(budget: DepthBudget | None, plan: TolerancePlan) -> str:
         return "Microlenses are focused on the scene, not on the pupil: depth from views does not apply."
     design = plan.question.design
     where = f"in the focal plane, {number(_focus(design))} mm ahead"
-    text = f"Depth, expected, of a build that nobody calibrates: {budget.words}, {where}."
+    text = (
+        f"Depth, expected, uncalibrated: {budget.words}, {where}. Believe it until a camera is calibrated, then that "
+        "of its calibration (`roslf calibrate --plan`)."
+    )
     if not (searched := plan.adjusters_to_limits):
         return text
     adjusted = words.listed([short_name(adjuster.place, design) for adjuster in searched])
     return f"{text} The study adjusts {adjusted} to its limits{', not to the focus' * (searched == plan.adjusters)}."
 
 
-def travel_words(result: StudyResult, use: AdjusterUse) -> str:
+def _travel_words(result: StudyResult, use: AdjusterUse) -> str:
     """Sentence on how far an adjuster moves, and in how many builds it rests at the end of its range."""
     design, one, trials = result.plan.question.design, use.adjuster, result.plan.trials
     aim = "to the focus" if one.aim == "focus" else "to where the limits hold best"
@@ -315,37 +310,35 @@ def looser(plan: TolerancePlan) -> str:
 
 
 def _yield_statement(result: StudyResult, name: str = "", first_look: bool = False) -> Statement:
-    """The yield as an answer, with what would mend it; neither good nor bad by limits of a first look."""
-    target = result.study.yield_target
+    """The yield as an answer, with what would mend it; neither good nor bad by default limits."""
+    text, lead = headline(result, not first_look), len(_yield_words(result, not first_look))
     if first_look:
-        ours = f"by limits that this report sets itself{f' ({name})' if name else ''}"
-        return Statement("plain", f"{headline(result)}, {ours}.")
-    text = f"{headline(result)}; target yield {100 * target:.4g} %{f' ({name})' if name else ''}."
-    if any(limit.label.startswith("depth_error_mm") for limit in result.final.limits) and result.depth is not None:
-        question = result.plan.question
-        ahead = _focus(question.design) + question.object_distance - question.design.d_f
-        text += (
-            f" Its limit on depth error, {number(ahead)} mm ahead, is on what lengths add alone: of a measured depth "
-            "believe depth, expected, which counts noise and view mismatch, too."
-        )
-    if result.left_out:
-        text += f" {in_words(result.left_out)}"
-    short, twice = short_words(result), believed(result)
-    if short or twice:
-        text = f"{' '.join(filter(None, [short, twice]))} By the study's own limits: {text[:1].lower()}{text[1:]}"
-    if result.final.result.value >= target:
-        most = min((share for _, share in result.short_of), default=1.0) >= 0.5
-        return Statement("good" if not short else "caution" if most else "bad", text)
-    return Statement("bad", text, mends(result))
+        return Statement("plain", f"{text}, by default limits, not yours.", lead=lead)
+    untold = [one for one in result.required if not (of_builds(one) or own_limit(result.plan, result.final, one))]
+    text += f" ({name})." if name else "."
+    if untold:
+        text += f" Not in it, as builds do not tell it: {words.listed([one.label for one in untold])}."
+    if missed := [one for one in untold if not one.met]:
+        depth = any(one.quantity == "u_z_mm" for one in missed)
+        text += f" Missed{' by a camera that nobody calibrates' * depth}: {missed_words(missed)}."
+        text += " Of a calibrated one believe its verdict with lengths as calibrated." * depth
+    tone = TONES[outcome_of(result.together.value, result.study.yield_target)]
+    return Statement("caution" if missed and tone == "good" else tone, text, mends(result), lead)
 
 
 def mends(result: StudyResult) -> str:
     """Ways to more yield: of the nominal design where it misses limits or lies at them, else of tolerances."""
-    if misses := result.plan.nominal_misses():
-        remedy = f"The nominal design itself misses its limits ({', '.join(misses)}): change the design or the limits."
-    else:
-        remedy = remedies(result)
-    return in_words(f"{remedy} {_nominal_at_limits(result)}".rstrip())
+    target, remedy = result.study.yield_target, ""
+    if result.final.result.value < target:
+        misses = ", ".join(result.plan.nominal_misses())
+        of_nominal = f"The nominal design itself misses its limits ({misses}): change the design or the limits."
+        remedy = f"{of_nominal if misses else remedies(result)} {_nominal_at_limits(result)}".rstrip()
+    if result.uncounted and result.together.value < min(target, result.final.result.value):
+        bore = unsaid_bore(Camera.of(result.plan.question.design))
+        wide = any(one.quantity in WIDTHS for one in result.uncounted)
+        asked = "`required = true` in the study makes limits of all that is required and finds what holds them."
+        remedy = " ".join(filter(None, [remedy, words.sentence(bore * wide), asked]))
+    return in_words(remedy)
 
 
 def _nominal_at_limits(result: StudyResult) -> str:
@@ -428,7 +421,10 @@ def measured_words(plan: TolerancePlan, tally: Tally) -> str:
     return f"{told}; analyses follow"
 
 
-def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
+def statements(result: StudyResult, first_look: bool = False) -> Iterator[Statement]:
+    """Remedies of the yield, unless it is by default limits, and what is to be known of it."""
+    if not first_look and (remedy := mends(result)):
+        yield Statement("plain", remedy)
     if lost := impossible_words(result.final):
         remedy = "Change nominal distances or their tolerances so that these parts keep clear."
         place, share = max(zip(_places(result), result.put_together.tolist(), strict=True), key=lambda pair: pair[1])
@@ -445,30 +441,19 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
                 f"with which {100 * share:.3g} % can be put together. {remedy}"
             )
         yield Statement("caution", lost, remedy)
-    yield _yield_statement(result, first_look=first_look)
     if loose := loose_words(result.plan):
         yield Statement("caution", loose, looser(result.plan))
-    if result.precision is not None:
-        accuracy = result.precision.accuracy
-        yield Statement("caution" if accuracy.kept is False else "plain", words.sentence(accuracy.sentence(False)))
     yield Statement("plain", depth_sentence(result.depth, result.plan))
+    if result.left_out:
+        yield Statement("plain", in_words(result.left_out))
     for use in result.adjusters:
         enough = use.at_end <= (1 - result.study.yield_target) * result.plan.trials
-        yield Statement("plain" if enough else "caution", travel_words(result, use))
-    weakest = result.final.weakest
-    share = 100 * weakest.result.value
-    least = f"The weakest limit is that on {in_words(weakest.label)}: {share:.2f} % {_of_those(result)}hold it."
-    if share == 100:
-        least = f"Every build {_of_those(result)}holds every limit; least margin is left to {in_words(weakest.label)}."
-    yield Statement("plain" if share >= 100 * result.study.yield_target else "caution", least)
-    ranked = ranking(result)
-    if ranked and ranked[0][1] > MOVES:
-        place, part = ranked[0]
-        name = short_name(place, result.plan.question.design)
-        told = f"{name} moves {in_words(weakest.label)} most: {100 * part:.0f} % of its variance"
-        if _of_those(result):
-            told += ", in builds that can be put together; what puts the others together stands above"
-        yield Statement("plain", words.sentence(told))
+        yield Statement("plain" if enough else "caution", _travel_words(result, use))
+    if result.final.weakest.result.value == 1:
+        weakest = in_words(result.final.weakest.label)
+        yield Statement(
+            "plain", f"Every build {_of_those(result)}holds every limit; least margin is left to {weakest}."
+        )
 
 
 def _of_those(result: StudyResult) -> str:
@@ -512,7 +497,7 @@ def _weakest_row(result: StudyResult) -> int:
 def tables(result: StudyResult, brief: bool = False) -> list[Table]:
     """The tables of a study; `brief`: of each metric the field that fails most often, and no sources."""
     shown = _shown(result, brief)
-    made = [_limits(result, shown), _quantiles(result, shown), _tolerances(result, brief)]
+    made = [_limits(result), _quantiles(result, shown), _tolerances(result, brief)]
     if result.budget is not None:
         made += _budget(result, result.budget)
     made.append(_rss(result, shown))
@@ -520,34 +505,121 @@ def tables(result: StudyResult, brief: bool = False) -> list[Table]:
     return made if result.sobol is None else [*made, _sobol(result)]
 
 
-def _limits(result: StudyResult, shown: set[str]) -> Table:
-    """Yield of each limit alone, for every variant."""
-    known = {column.label for column in result.plan.columns if column.metric in KNOWN_LENGTHS}
-    limits = [
-        (
-            f"{limit.label}{KNOWN * (limit.label in known)}",
-            *("" if math.isinf(edge) else number(edge) for edge in (limit.low, limit.high)),
-            *(f"{100 * variant.limits[index].result.value:.2f}" for variant in result.variants),
-        )
-        for index, limit in enumerate(result.final.limits)
-        if limit.label in shown
-    ]
-    together = "all together" + (", of all builds" if _of_those(result) else "")
-    every = (together, "", "", *(f"{100 * variant.result.value:.2f}" for variant in result.variants))
-    heads = ("metric@field", "min", "max", *(f"{variant.name} [%]" for variant in result.variants))
-    trials = result.plan.trials
-    count = f"Of {trials:,} builds."
-    if any(variant.impossible for variant in result.variants):
-        possible = (f"{100 * (1 - variant.impossible / trials):.2f}" for variant in result.variants)
-        limits.insert(0, ("can be put together", "", "", *possible))
-        count += " Each limit by itself: of those that can be put together."
-    places = ", ".join(f"{index} ({words.place(x_ml, 3)})" for index, x_ml in enumerate(result.plan.question.fields))
-    if known & {limit.label for limit in result.final.limits}:
-        count += " Lengths known: each build's own are taken as known, as if calibrated without error."
-    if result.plan.calibrated:
-        count += f" {EXACTLY}"
-    caption = f"{count} Fields, by the position of their microlens [mm]: {places}." if places else count
-    return Table((*limits, every), "l" + "d" * (len(heads) - 1), heads, "Limits", caption)
+NOBODY = ("", 0.0)
+"""Culprit that is none."""
+
+
+class _LimitRow(NamedTuple):
+    """A row of the table of limits."""
+
+    what: str
+    asked: str
+    shares: tuple[Yield | None, ...]
+    """As built and, where anything is adjusted, finally; None where builds do not tell it."""
+    outcome: str
+    culprit: tuple[str, float] = NOBODY
+    """Place, and what part it has in it."""
+    without: str = ""
+    """Value of the design, where builds do not tell it."""
+
+    @classmethod
+    def of(
+        cls,
+        what: str,
+        asked: str,
+        shares: Sequence[Yield | None],
+        target: float,
+        culprit: tuple[str, float] = ("", 0.0),
+    ) -> _LimitRow:
+        """Row whose last share tells its outcome."""
+        share = shares[-1]
+        return cls(what, asked, tuple(shares), outcome_of(0.0 if share is None else share.value, target), culprit)
+
+    def cells(self, design: Design) -> tuple[str, ...]:
+        """Row of text."""
+        place, part = self.culprit
+        named = part > MOVES and (self.shares[-1] is None or self.shares[-1].value < 1)
+        shares = ("" if share is None else f"{100 * share.value:.2f}" for share in self.shares)
+        verdict = words.clauses(f"{VERDICT_MARKS[OUTCOMES[self.outcome]]} {self.outcome}", self.without, by=": ")
+        culprit = f"{short_name(place, design)} ({100 * part:.0f}\N{NO-BREAK SPACE}%)" if named else ""
+        return self.what, self.asked, *shares, verdict, culprit
+
+
+def _limits(result: StudyResult) -> Table:
+    """All that is required: share of the builds that meets it, alone, verdict and culprit; last, all together."""
+    plan, target = result.plan, result.study.yield_target
+    variants = result.variants[:1] if len(result.variants) == 1 else (result.variants[0], result.final)
+    shown, rows, others = _shown(result, brief=True), [*_required_rows(result, variants)], list[_LimitRow]()
+    for label, row in _own_rows(result, variants):
+        (rows if label in shown else others).append(row)
+    rows.sort(key=lambda one: (*map(one.outcome.__eq__, OUTCOMES), one.shares[-1].value if one.shares[-1] else 0.0))
+    possible = [Yield(plan.trials - variant.impossible, plan.trials) for variant in variants]
+    if any(one.value < 1 for one in possible):
+        most = int(result.put_together.argmax())
+        culprit = _places(result)[most], float(result.put_together[most])
+        rows.insert(0, _LimitRow.of("can be put together", "", possible, target, culprit))
+    together: list[Yield | None] = [variant.result for variant in variants]
+    if result.uncounted:
+        rows.append(_LimitRow.of("the study's limits together", "", together, target))
+        together = [*(None for _ in variants[1:]), result.together]
+    every = "everything together, of all builds" if _of_those(result) else "everything together"
+    rows.append(_LimitRow.of(every, "", together, target))
+    heads = tuple(f"{variant.name} [%]" for variant in variants)
+    table = Table(
+        tuple(one.cells(plan.question.design) for one in rows), f"ll{'d' * len(heads)}ll",
+        ("limit", "required", *heads, "verdict", "culprit"), "Limits", " ".join(_on_limits(result, bool(others))),
+    )  # fmt: skip
+    return replace(table, left=tuple(one.cells(plan.question.design) for one in others))
+
+
+def _required_rows(result: StudyResult, variants: Sequence[Variant]) -> Iterator[_LimitRow]:
+    """Rows of what the design requires and the study does not limit just so."""
+    plan, before = result.plan, [None for _ in variants[1:]]
+    for one in result.required:
+        if own_limit(plan, result.final, one) is not None:
+            continue
+        low, high = (one.coverage * end for end in asked_ends(one))
+        asked = _ends_words(low, high, one.unit)
+        if (share := share_that_meets(plan, result.final, one)) is None:
+            bare, outcome = ", uncalibrated" * (one.quantity == "u_z_mm"), "met" if one.met else "missed"
+            yield _LimitRow(one.label, asked, (*before, None), outcome, without=f"{one.value_words}{bare}")
+        else:
+            target = result.study.yield_target
+            yield _LimitRow.of(one.label, asked, (*before, share), target, culprit_of(plan, one))
+
+
+def _own_rows(result: StudyResult, variants: Sequence[Variant]) -> Iterator[tuple[str, _LimitRow]]:
+    """Rows of the study's own limits, each with its column's label."""
+    columns = [column.label for column in result.plan.columns]
+    for index, limit in enumerate(result.final.limits):
+        row = columns.index(limit.label)
+        column, parts = result.plan.columns[row], result.correlations[row] ** 2
+        what = in_words(limit.label) + KNOWN * (column.metric in KNOWN_LENGTHS)
+        asked = _ends_words(limit.low, limit.high, column.quantity.unit)
+        culprit = _places(result)[int(parts.argmax())], float(parts.max())
+        shares = [variant.limits[index].result for variant in variants]
+        yield limit.label, _LimitRow.of(what, asked, shares, result.study.yield_target, culprit)
+
+
+def _on_limits(result: StudyResult, more: bool) -> Iterator[str]:
+    """Sentences below the table of limits, whose file has `more` rows."""
+    plan = result.plan
+    count = f"Each alone, of {plan.trials:,} builds" + (", of those that can be put together" * bool(_of_those(result)))
+    if result.uncounted:
+        count += f"; what no limit of the study holds, of the first {result.together.trials:,}"
+    yield f"{count}. {outcomes_words(result.study.yield_target)}"
+    yield "Culprit: the tolerance with the largest part in its variance (r²)."
+    if more:
+        yield "Of each the weakest field; all are in tables/limits.csv."
+    limited = {plan.columns[limit.column].metric for limit in plan.limits}
+    if limited & set(KNOWN_LENGTHS):
+        yield "Lengths known: each build's own are taken as known, as if calibrated without error."
+    if "depth_error_mm" in limited:
+        yield "Depth error is of lengths alone: of a measured depth believe depth, expected."
+    if plan.calibrated:
+        yield EXACTLY
+    if places := ", ".join(f"{index} ({words.place(x_ml, 3)})" for index, x_ml in enumerate(plan.question.fields)):
+        yield f"Fields, by the position of their microlens [mm]: {places}."
 
 
 NO_SHAPE: dict[int, str] = {ImageFate.FOLDED: "folded at this field", ImageFate.DARK: "no light at this field"}
