@@ -21,6 +21,7 @@ from ..bore.conjugates import CONJUGATES, follower
 from ..bore.main_lens import HIATUS, IdealMainLens, MainLensKind
 from ..bore.opening import ClearAperture
 from ..bore.part import TEMPERATURE, Colours, Layout, Number
+from ..catalogue.entries import stock_of
 from ..design import Design, DesignError, Problem
 from ..design.growth import Growth
 from ..design.parts import BEHIND, PATHS, widening
@@ -54,6 +55,8 @@ class _Kind(NamedTuple):
     """Colours of the filters on the sensor's pixels, as in a design file."""
     round_fields: tuple[Required, ...] = ()
     """Round fields that are required: images are to be whole at their rims, not in the sensor's corners."""
+    stock: tuple[float, float] | None = None
+    """Size [mm] of the stock that the array is cut from, where the design names such a part."""
 
     @property
     def hashable(self) -> tuple[Any, ...]:
@@ -87,7 +90,7 @@ class Camera(PosedParts):
     def __init__(self, numbers: Mapping[str, Number], kind: _Kind | None = None) -> None:
         self._numbers, self._kind = numbers, kind or _Kind()
         self.layout, self.lens_shape, self.lens, self.chain = self._kind[:4]
-        self.materials, self.growth, self.colours, self.round_fields = self._kind[4:]
+        self.materials, self.growth, self.colours, self.round_fields, self.stock = self._kind[4:]
 
     def _with(self, numbers: Mapping[str, Number]) -> Camera:
         return Camera(numbers, self._kind)
@@ -377,5 +380,6 @@ def _number(value: ArrayLike) -> Number:
 def _nominal(design: Design) -> Camera:
     array, lens = design.microlens_array, design.main_lens.kind
     rounds = tuple(one for one in design.required if one.quantity in (ROUND_ANGLE, ROUND_RADIUS))
-    beside = design.chain, design.materials, Growth.of(design), design.sensor.colours, rounds
+    stock = None if array.part is None else stock_of(array.part)
+    beside = design.chain, design.materials, Growth.of(design), design.sensor.colours, rounds, stock
     return Camera(numbers_of(design), _Kind(array.layout, array.lens_shape, lens, *beside))

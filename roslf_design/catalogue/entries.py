@@ -501,6 +501,14 @@ def declared_by(kind: Kind, asked: Any) -> dict[str, Any]:
     return {}
 
 
+def stock_of(asked: Any) -> tuple[float, float] | None:
+    """Size [mm] of the stock that a shipped array is cut from; None of no such, and of one that stays whole."""
+    with suppress(InputError):
+        array = _named_part("microlens_arrays", asked, None)
+        return array.size if array.is_cut else None
+    return None
+
+
 def _needed(kind: Kind) -> set[str]:
     """Keys that make a table whole, whatever part of a kind it names."""
     return {_key(place) for place in MODELS[kind].gives}.difference(WITHOUT.get(kind, ()))

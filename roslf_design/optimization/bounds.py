@@ -20,14 +20,14 @@ from ..camera import TIP, Camera, Number
 from ..design import PATHS
 from ..errors import InputError, Problem
 from ..theory.f_number import inverse_fill_factor
-from ..theory.light import SensorField, sensor_field
+from ..theory.light import CUT_MARGIN, SensorField, sensor_field
 from ..theory.tube import LENGTH, WHOLE, WIDTHS, diameters, housed
 from ..tolerancing.places import in_lens
 from ..words import listed, the
 from ..words import number as number_words
 from .combinations import Combinations
 from .goals import Constraint, Goal
-from .problem import CUT_MARGIN, ROOM, SIDES, DesignProblem
+from .problem import ROOM, SIDES, DesignProblem
 from .variables import DERIVED
 
 Flags = NDArray[np.bool_]

@@ -27,7 +27,7 @@ from ..evaluation.specification import FieldImages, rays_tell
 from ..lenses.glass import Glass
 from ..theory.field_of_view import focus_ahead
 from ..theory.focused import LEAST_VIEWS, LIMIT, filtered_views, pupil_blur_ratio
-from ..theory.light import sensor_field
+from ..theory.light import cut_sides
 from ..theory.quantity import Quantity
 from ..theory.tube import OUTER, WIDTHS, housed
 from ..tolerancing.draws import sobol_points
@@ -42,8 +42,6 @@ from .variables import Variable, as_places
 ROOM = 1e-6
 """Relative distance kept from cameras that are none: d_f = f, the focal plane inside the bore, images of no pitch."""
 
-CUT_MARGIN = 0.1
-"""Rim that a cut array has beyond what the sensor sees of it, on each side [mm]: what dicing may chip."""
 SIDES = "microlens_array.size.0", "microlens_array.size.1"
 
 T = TypeVar("T", Constraint, Goal)
@@ -209,13 +207,8 @@ class DesignProblem:
 
         Nothing but the size of the part changes: what the sensor sees is all there.
         """
-        sides, view = {}, sensor_field(stock)
-        for axis, (place, most) in enumerate(zip(SIDES, stock.array_size, strict=True)):
-            asked = max((abs(field[axis]) for field in self._fields), default=0.0)
-            decentre = stock[f"microlens_array.decentre.{axis}"]
-            half = np.maximum(np.maximum(view.high[axis] - decentre, decentre - view.low[axis]), asked)
-            sides[place] = np.fmin(most, 2 * (half + CUT_MARGIN))
-        return sides
+        width, height = (max((abs(field[axis]) for field in self._fields), default=0.0) for axis in (0, 1))
+        return dict(zip(SIDES, map(np.asarray, cut_sides(stock, (width, height))), strict=True))
 
     def following(self, unit: Array) -> dict[str, float]:
         """Lengths that follow from the variables, by symbol or place, with their value [mm] at one point.

@@ -17,6 +17,9 @@ from .exit_pupil import microlens_image_diameter, stop_angle
 
 AIRY = 1.22
 """First zero of the Airy pattern over lambda times f-number, to the three digits that the field quotes."""
+CUT_MARGIN, STOCK = 0.1, 0.01
+"""Rim that a cut array has beyond what the sensor sees of it, on each side [mm]: what dicing may chip; share by which a
+size may differ from its stock's."""
 
 
 def fresnel_number(c: Camera) -> Array:
@@ -201,6 +204,25 @@ def on_array(c: Camera, points: ArrayLike) -> Array:
     cos, sin = np.cos(turn), np.sin(turn)
     from_centre = np.asarray(points) - np.asarray(c.decentre("microlens_array"))
     return np.asarray(from_centre @ np.array([[cos, -sin], [sin, cos]]))
+
+
+def cut_sides(c: Camera, asked: tuple[float, float] = (0.0, 0.0)) -> tuple[Number, Number]:
+    """Sides of the array [mm] cut to what the sensor sees of it, and `CUT_MARGIN` beyond; it reaches places `asked`."""
+    view, sides = sensor_field(c), []
+    for axis, (most, reach) in enumerate(zip(c.array_size, asked, strict=True)):
+        decentre = c[f"microlens_array.decentre.{axis}"]
+        half = np.maximum(np.maximum(view.high[axis] - decentre, decentre - view.low[axis]), reach)
+        sides.append(np.fmin(most, 2 * (half + CUT_MARGIN)))
+    return sides[0], sides[1]
+
+
+def as_cut(c: Camera) -> tuple[Number, Number]:
+    """Sides of the array [mm]; of one as large as the stock that it is cut from those to which it is cut."""
+    if c.stock is None:
+        return c.array_size
+    pairs = zip(c.array_size, c.stock, cut_sides(c), strict=True)
+    width, height = (np.where(np.isclose(size, stock, rtol=STOCK), cut, size) for size, stock, cut in pairs)
+    return width, height
 
 
 def sensor_field(c: Camera, margin: ArrayLike = 0.0) -> SensorField:

@@ -17,6 +17,7 @@ from ..design.parts import widening
 from ..lenses.glass import ROOM
 from ..lenses.prescription import Prescription
 from ..words import clauses, listed, number, the
+from .light import as_cut
 
 WALL, GUIDE, LENGTH, OUTER = "tube.wall", "tube.light_guide", "tube.length", "tube.outer_diameter"
 PROXIMAL = "tube.proximal_diameter"
@@ -101,7 +102,7 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
     array, d_2 = -numbers[PATHS["d_1"]] - c.hiatus, numbers[PATHS["d_2"]]
     edge = np.maximum(_widest(c.lens.prescribed), numbers.get("main_lens.outer_diameter", 0.0))
     parts.append(part("main lens", "main_lens", numbers[PATHS["D"]], 0.0, edge))
-    parts.append(part("microlens array", "microlens_array", diagonal("microlens_array.size"), array))
+    parts.append(part("microlens array", "microlens_array", np.hypot(*as_cut(c)), array))
     if _holds_sensor(c):
         parts.append(part("sensor", "sensor", diagonal(PACKAGE if _packaged(c) else "sensor.size"), array - d_2))
     return tuple(parts)
@@ -225,7 +226,7 @@ def walls(c: Camera) -> tuple[str, str]:
     Both in words.
     """
     if OUTER not in c.numbers:
-        return NARROWEST, uncounted(c)
+        return NARROWEST, clauses(uncounted(c), _cut_words(c))
     outer, wall, narrowest = float(widest(c)), float(shell(c)), float(np.max(_about(c, False)))
     walls = "walls with light guide" if GUIDE in c.numbers else "walls"
     parts = f"parts of {number(narrowest - 2 * wall, 4)} mm and {walls} of {number(wall, 4)} mm"
@@ -234,7 +235,13 @@ def walls(c: Camera) -> tuple[str, str]:
     counted = f"as stated: {parts}, clearance {number(outer - narrowest, 3, 1e-9)} mm"
     if outer < narrowest * (1 - 1e-9):
         counted = f"with its wall: {parts}; {number(outer, 4)} mm as stated is too narrow"
-    return "tube", clauses(counted, uncounted(c), cold_words(c))
+    return "tube", clauses(counted, uncounted(c), _cut_words(c), cold_words(c))
+
+
+def _cut_words(c: Camera) -> str:
+    """Words on an array that counts as it is cut from its stock; empty of one that does not."""
+    sides, whole = ([float(side) for side in pair] for pair in (as_cut(c.cold), c.cold.array_size))
+    return f"array cut to {number(sides[0], 3)} x {number(sides[1], 3)} mm" if sides != whole else ""
 
 
 def cold_words(c: Camera) -> str:

@@ -438,3 +438,22 @@ def test_a_rim_wider_than_what_the_tube_leaves_is_no_bore_of_it(speculum):
         DesignError, match=r"stops\.0\.bore: the tube.s own bore is 4 mm wide .* and this rim 4\.1 mm; make"
     ):
         speculum.replace({"stops.0.diameter": 4.1})
+
+
+def test_an_array_named_by_its_part_counts_as_it_is_cut_from_its_stock():
+    """By the sensor over 1 + d_2/L, and .1 mm on each side; all of it where a size is stated, or it is cut smaller."""
+    scope = roslf.load("rigid-scope").replace({"sensor.size": (6.0, 8.0), "main_lens.diameter": 1.0})
+    text = dumps(scope)
+    named = loads(re.sub(r"(?ms)^\[microlens_array\].*?(?=^\[)", '[microlens_array]\npart = "MLA150-5C"\n', text))
+    assert named.microlens_array.size == (10.0, 10.0)
+    camera = Camera.of(named)
+    grown = 1 + float(camera.seen.d_2 * camera.seen.vergence)
+    cut = [side / grown + 0.2 for side in (6.0, 8.0)]
+    assert roslf.evaluate(named).answer.outer_diameter_mm == pytest.approx(max(math.hypot(*cut), 10.0), rel=1e-9)
+    (array,) = (part for part in housed(camera) if part.name == "microlens array")
+    assert array.width == pytest.approx(math.hypot(*cut), rel=1e-9)
+    assert f"array cut to {cut[0]:.3g} x {cut[1]:.3g} mm" in roslf.evaluate(named).answer.rows[-1][2]
+    for size in ((9.0, 9.0), (4.0, 4.0)):
+        parts = housed(Camera.of(named.replace({"microlens_array.size": size})))
+        (stated,) = (part for part in parts if part.name == "microlens array")
+        assert stated.width == pytest.approx(math.hypot(*size))
