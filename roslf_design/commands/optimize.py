@@ -48,7 +48,7 @@ def optimize(
     Parameters
     ----------
     study
-        A study file: what may vary, what must hold, what is wanted.
+        A study file: variables, constraints and objectives.
     output
         Folder for results.json, the designs found, figures and a page.
     seed

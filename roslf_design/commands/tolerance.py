@@ -82,7 +82,7 @@ def tolerance(
     Parameters
     ----------
     study
-        A study file: a design, what it may miss, the limits it is held to.
+        A study file: a design, its tolerances, the limits that builds are held to.
     output
         Folder for index.html, results.json, summary.txt, trials.npz, figures, the worst trials as design files, and
         the run's chunks.

@@ -259,8 +259,8 @@ class FirstAnswer:
             "" if bare is None else f"uncalibrated {uncertainty(bare, 3, '± ')}",
             by=", ",
         )
-        known = f"{told} (U in the focal plane)" if told else f"{command} tells U with them"
-        return f"lengths not counted: {known}"
+        known = f"{told} (U in the focal plane)" if told else f"{command} gives U with them"
+        return f"errors of lengths not counted: {known}"
 
     @property
     def rows(self) -> tuple[Row, ...]:

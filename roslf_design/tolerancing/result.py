@@ -217,17 +217,12 @@ class StudyResult(BriefValue):
     @cached_property
     def uncounted(self) -> tuple[Requirement, ...]:
         """Requirements that builds tell and no limit of the study is as narrow as."""
-        told = filter(of_builds, self.required)
-        return tuple(one for one in told if not _is_limited(self.plan, self.final, one))
+        return _uncounted(self.plan, self.final, self.required)
 
     @cached_property
     def together(self) -> Yield:
-        """Yield of everything required: the study's limits and, over its first builds, what else builds tell."""
-        if not self.uncounted:
-            return self.final.result
-        deviations = first_deviations(self.plan, MANY)
-        holds = _meeting(self.plan, self.uncounted)[0] & holding(self.plan, deviations)
-        return Yield(int(holds.sum()), holds.size)
+        """Yield of everything required."""
+        return yield_of_all(self.plan, self.final, self.required)
 
     @cached_property
     def short_of(self) -> tuple[tuple[str, float], ...]:
@@ -337,7 +332,7 @@ def share_that_meets(plan: TolerancePlan, final: Variant, one: Requirement) -> Y
     None where neither tells it.
     """
     own = own_limit(plan, final, one)
-    return share_that_meets_all(plan, [one]) if own is None else own.result
+    return _share_that_meets_all(plan, [one]) if own is None else own.result
 
 
 def own_limit(plan: TolerancePlan, final: Variant, one: Requirement) -> LimitYield | None:
@@ -346,13 +341,26 @@ def own_limit(plan: TolerancePlan, final: Variant, one: Requirement) -> LimitYie
     return None if one.quantity == "u_z_mm" else next(compress(final.limits, alike), None)
 
 
-def share_that_meets_all(plan: TolerancePlan, required: Sequence[Requirement]) -> Yield | None:
+def _share_that_meets_all(plan: TolerancePlan, required: Sequence[Requirement]) -> Yield | None:
     """Share of a plan's first builds that are cameras that meet all requirements which builds tell; None of none."""
     told = [one for one in required if of_builds(one)]
     if not told:
         return None
     holds, good, _ = _meeting(plan, told)
     return Yield(int(holds.sum()), int(good.sum()))
+
+
+def _uncounted(plan: TolerancePlan, final: Variant, required: Sequence[Requirement]) -> tuple[Requirement, ...]:
+    """Requirements that builds tell and no limit of a study is as narrow as."""
+    return tuple(one for one in required if of_builds(one) and not _is_limited(plan, final, one))
+
+
+def yield_of_all(plan: TolerancePlan, final: Variant, required: Sequence[Requirement]) -> Yield:
+    """Yield of everything required: a study's limits and, over its first builds, what else builds tell."""
+    if not (more := _uncounted(plan, final, required)):
+        return final.result
+    holds = _meeting(plan, more)[0] & holding(plan, first_deviations(plan, MANY))
+    return Yield(int(holds.sum()), holds.size)
 
 
 def _meeting(plan: TolerancePlan, told: Sequence[Requirement]) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Array]:

@@ -91,7 +91,7 @@ def test_a_sheet_tells_each_line_with_its_tolerance(tmp_path, capsys, monkeypatc
     ends = [roslf.specification(paper.replace(D_F=paper.D_F * (1 + step))) for step in (-0.01, 0.01)]
     for row, name in (
         (0, "refocused, 199.4 mm ahead (near end), axis"),
-        (5, "refocused, 230 mm ahead (focal plane), 33.58 mm off axis"),
+        (5, "refocused, 230 mm ahead (focal plane), corner of the field"),
         (9, "a view, 199.4 mm ahead (near end), axis"),
     ):
         low, high = (sheet.resolution[row].usable_lp_per_mm for sheet in ends)
@@ -201,7 +201,9 @@ def test_what_is_required_says_how_many_builds_meet_it(tmp_path, capsys, monkeyp
     pages = [(tmp_path / "out" / page).read_text() for page in ("summary.txt", "index.html")]
     assert all(says in " ".join(page.split()) for page in pages)
     words = story.datasheet_of(tmp_path / "study.toml").words
-    assert f" meet all that is required (but {depth['name']}, which builds do not tell). " in words
+    assert (
+        f" meet everything required and the study's limits (but {depth['name']}, which builds do not tell). " in words
+    )
 
 
 @pytest.mark.usefixtures("rough")
@@ -777,5 +779,5 @@ def test_depths_name_their_distance_and_a_round_field_has_one_rim():
     assert all("in the focal plane" in name or name == "U at 200 mm" for name in depths)
     rims = [name for subject, name in names if subject == DEPTH and "round field" in name]
     assert [name.endswith("rim of the round field") for name in rims] == [True]
-    focal = [name for subject, name in names if subject == "Resolution" and "off axis" in name]
+    focal = [name for subject, name in names if subject == "Resolution" and "round field" in name]
     assert [name.rpartition(", ")[2] for name in focal] == ["along x", "towards the corner"]

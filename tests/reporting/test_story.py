@@ -285,9 +285,9 @@ def test_a_required_depth_is_that_of_the_camera_calibrated_as_planned(without_fi
     lead, built, calibrated = tables["Depth, expected"].rows[:3]
     assert lead[0] == "expanded uncertainty U in the focal plane, k = 2, as drawn"
     assert lead[-1].endswith("quote it of no camera")
-    assert built[0] == "U in the focal plane, without a calibration, lengths as built to default tolerances"
+    assert built[0] == "U in the focal plane, uncalibrated, as built to default tolerances"
     assert required[-1].endswith(f"uncalibrated, by default tolerances, U = {built[1]}")
-    assert calibrated[0] == "U in the focal plane, with lengths as calibrated"
+    assert calibrated[0] == "U in the focal plane, calibrated"
     assert f"; U = {calibrated[1]}" in required[-1]
     assert calibrated[-1].endswith(", as planned; required depths count it")
     planned = next(items.items[-1].text for items in blocks(report, Statements) if "as planned" in items.items[-1].text)

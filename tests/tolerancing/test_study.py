@@ -30,7 +30,7 @@ from roslf_design.tolerancing.places import (
     perturbable,
     short_name,
 )
-from roslf_design.tolerancing.result import _within_reach, share_that_meets_all
+from roslf_design.tolerancing.result import _share_that_meets_all, _within_reach
 from roslf_design.tolerancing.sensitivities import inverse_sensitivity, sensitivity
 from roslf_design.tolerancing.study import MetricGoal, load_plan, plan_from, tolerance_plan
 from roslf_design.tolerancing.trials import first_builds
@@ -531,8 +531,8 @@ def test_builds_that_meet_all_that_is_required_are_counted_together():
     builds, good = first_builds(plan, 64)
     held = [[bool(one.holds(QUANTITIES[one.quantity](builds.camera.build(k)))) for k in range(64)]
             for one in required if one.quantity != "u_z_mm"]  # fmt: skip
-    together = share_that_meets_all(plan, required)
+    together = _share_that_meets_all(plan, required)
     assert good.all()
     assert (together.passed, together.trials) == (int(np.all(held, axis=0).sum()), 64)
     assert 0 < together.passed < min(sum(one) for one in held)
-    assert share_that_meets_all(plan, [one for one in required if one.quantity == "u_z_mm"]) is None
+    assert _share_that_meets_all(plan, [one for one in required if one.quantity == "u_z_mm"]) is None

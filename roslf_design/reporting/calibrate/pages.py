@@ -533,7 +533,7 @@ def plan_blocks(
     """A plan with its promise and its changes; with the `build`'s tolerances, where these are known, and `whose`."""
     c, before = plan.captures, plan.expected
     supposed, others = "by captures alone", list[str]()
-    promises, changed, whence = "What these captures promise", "Expected sigma after one change", VARIANCE
+    promises, changed, whence = "Expected from these captures", "Expected sigma after one change", VARIANCE
     if build is not None:
         u, bare = planned_depth(design, plan, asked).expanded_mm, depth_budget(Camera.of(design), build=build)
         supposed = "with tolerances known before"

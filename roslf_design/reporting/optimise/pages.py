@@ -474,7 +474,7 @@ def _tables(result: Result) -> Iterator[Table]:
         columns = (
             ("limit", "l", lambda active: active.limit),
             ("multiplier", "d", lambda active: f"{active.multiplier:.4g}"),
-            (f"relaxing it buys, of {of}", "l", lambda active: _bought(active, answer.problem.goals)),
+            (f"gain per unit relaxed, of {of}", "l", lambda active: _bought(active, answer.problem.goals)),
         )
         gains = (
             "Multiplier: what the goals together, the weighted mean of their logarithms, gain, both scaled. "

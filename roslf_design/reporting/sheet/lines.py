@@ -1,4 +1,4 @@
-"""The page an engineer signs: a camera in the endoscope standards' terms, each line with what it may miss."""
+"""The page an engineer signs: a camera in the endoscope standards' terms, each line with its tolerance."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ from ...theory.stop_images import MicrolensImages
 from ...theory.tube import WIDTHS, unsaid_bore
 from ...tolerancing.metrics import of_cameras
 from ...tolerancing.places import short_name
-from ...tolerancing.result import MANY, of_builds, share_that_meets, share_that_meets_all
+from ...tolerancing.result import MANY, of_builds, share_that_meets, yield_of_all
 from ...tolerancing.trials import first_builds, lengths_built
 from ...traced.fields import IdealImages
 from ...words import ROUNDING, clauses, listed, number
@@ -199,14 +199,14 @@ class BuildSpread(NamedTuple):
         return replace(one, counts=clauses(one.counts, words), by_builds=outcome, remedy=remedy)
 
     def meeting_all(self, required: Sequence[Requirement]) -> str:
-        """Sentence on the builds that meet all that is required of them together; empty where they tell nothing."""
-        share = share_that_meets_all(self.plan, required)
-        if share is None:
+        """Sentence on the builds that meet everything required together; empty where they tell nothing of a design."""
+        if not any(map(of_builds, required)):
             return ""
+        share = yield_of_all(self.plan, self.final, required)
         lacking = [one.label for one in required if not of_builds(one)]
         without = f" (but {listed(lacking)}, which builds do not tell)" if lacking else ""
         met = number(100 * share.value, 4)
-        return f"{met} % of {share.trials:,} builds meet all that is required{without}. "
+        return f"{met} % of {share.trials:,} builds meet everything required and the study's limits{without}. "
 
 
 class CalibrationSpread(NamedTuple):
@@ -339,9 +339,8 @@ def _lines(
         if not (centre or focal):
             continue
         what = "refocused" if row.image == "refocused" else "a view"
-        away = "outside the lens's field" if row.x0_mm is None else f"{number(row.x0_mm, 4)} mm off axis"
-        if shown.outermost == RIM:  # edge and corner may lie as far out, where square microlenses tell detail otherwise
-            away += ", along x" if row.x_ml_mm == sheet.field[1].x_ml_mm else ", towards the corner"
+        away = _outer(shown.outermost == RIM)[row.x_ml_mm != sheet.field[1].x_ml_mm]
+        away += ", outside the lens's field" * (row.x0_mm is None)
         aside = "axis" if centre else away
         at = f"{what}, {number(row.at_mm, 4)} mm ahead ({row.plane}), {aside}"
         dark = "" if row.usable_lp_per_mm is not None else "dark or folded" if traced else "dark"
@@ -428,6 +427,11 @@ def _required_lines(required: Iterable[Requirement]) -> Iterator[_SheetLine]:
         yield _SheetLine(REQUIRED, one.label, one.told, one.unit, clauses(*told), own, text, of)
 
 
+def _outer(rim: bool) -> tuple[str, str]:
+    """Places of the field's edge and corner in words; both lie on the rim of a round one, seen otherwise by squares."""
+    return (f"{RIM}, along x", f"{RIM}, towards the corner") if rim else ("edge of the field", "corner of the field")
+
+
 def _range_lines(within: WorkingRange) -> Iterator[_SheetLine]:
     """Lines on both ends of the working range, or that there is none."""
     if within.ends is None:
@@ -494,11 +498,9 @@ def _depth_lines(sheet: Specification, traced: bool, rim: bool) -> Iterator[_She
     Of a round field, whose rim ends it, once where it is alike along x and towards the corner.
     """
     spreads = sheet.depth_precision.spreads
-    off: tuple[str, ...] = ("edge of the field", "corner of the field")
-    if rim:
-        off = (f"{RIM}, along x", f"{RIM}, towards the corner")
-        if math.isclose(spreads[-2].sigma_z_mm, spreads[-1].sigma_z_mm, rel_tol=ALIKE):
-            spreads, off = spreads[:-1], (RIM,)
+    off: tuple[str, ...] = _outer(rim)
+    if rim and math.isclose(spreads[-2].sigma_z_mm, spreads[-1].sigma_z_mm, rel_tol=ALIKE):
+        spreads, off = spreads[:-1], (RIM,)
     names = (*("axis" for _ in spreads[len(off) :]), *off)
     kind = FOCUS, "refocused"
     shown = {row.x_ml_mm: row.usable_lp_per_mm for row in sheet.resolution if (row.plane, row.image) == kind}
@@ -740,8 +742,8 @@ def _depths_by_lengths(grounds: SpreadSources) -> Iterator[tuple[str, DepthBudge
 
 CURVES = 0.55
 """Share of a sheet's pictures that is done when its MTF curves begin."""
-LEFT_OUT = {"as drawn": "without what lengths add", "as calibrated": "with lengths as calibrated"}
-"""Depths, expected, by how lengths are taken, named by what they leave out; all others are without a calibration."""
+CONDITIONS = {"as drawn": "as drawn", "as calibrated": "calibrated"}
+"""Depths, expected, by how lengths are taken, in a word; all others are uncalibrated."""
 
 
 def _answers(grounds: SpreadSources, lead: _SheetLine) -> Iterator[_SheetLine]:
@@ -754,7 +756,7 @@ def _answers(grounds: SpreadSources, lead: _SheetLine) -> Iterator[_SheetLine]:
             continue
         value = None if budget is None else float(budget.expanded_mm)
         text = NONE if value is None else "" if math.isfinite(value) else "none"
-        name = f"U {IN_FOCUS}, {LEFT_OUT.get(lengths, f'without a calibration, lengths {lengths}')}"
+        name = f"U {IN_FOCUS}, {CONDITIONS.get(lengths, f'uncalibrated, {lengths}')}"
         others.append(_SheetLine(EXPECTED, name, value, "mm", remark, "", text))
     yield from others
 
