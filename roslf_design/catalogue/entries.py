@@ -505,7 +505,8 @@ def stock_of(asked: Any) -> tuple[float, float] | None:
     """Size [mm] of the stock that a shipped array is cut from; None of no such, and of one that stays whole."""
     with suppress(InputError):
         array = _named_part("microlens_arrays", asked, None)
-        return array.size if array.is_cut else None
+        width, height = (array.numbers[f"microlens_array.size.{axis}"] for axis in (0, 1))
+        return (width, height) if array.is_cut else None
     return None
 
 

@@ -3,7 +3,6 @@
 import csv
 import io
 import math
-import re
 import tomllib
 from dataclasses import replace
 from types import SimpleNamespace
@@ -28,13 +27,11 @@ from roslf_design.reporting.tolerance.pages import (
     looser,
     measured_words,
     ranking,
-    remedies,
     statements,
     tables,
     tolerance_pictures,
     tolerance_report,
 )
-from roslf_design.tolerancing.budgets import Change, ToleranceBudget
 from roslf_design.tolerancing.metrics import Question
 from roslf_design.tolerancing.places import short_name
 from roslf_design.tolerancing.result import WorstTrial, analyse, save_worst
@@ -231,19 +228,6 @@ def test_a_worst_trial_that_is_no_design_names_lengths_of_the_parts_that_collide
     table = next(table for table in tables(colliding) if table.title == "Worst trials")
     assert [row[1][:4] for row in table.rows] == ["d_3 "] * len(table.rows)
     assert not any("d_2" in row[1] for row in table.rows)
-
-
-def test_where_all_tolerances_must_shrink_the_one_that_spreads_most_is_named_first(colliding):
-    shrunk = Change("all tolerances", (), 1.0, colliding.final.result)
-    budget = SimpleNamespace(changes=(shrunk,), adjustments=(), target=0.95)
-    shares = np.tile([0.1, 0.9], (len(colliding.plan.columns), 1))
-    told = remedies(replace(colliding, correlations=shares, budget=budget, scale_for_target=(0.2, None)))
-    assert told.startswith("Mostly d_2: 81 % of the variance of image fill")
-    assert "; alone it may be ± " in told.split(" Cheapest: ")[0]
-    even = np.tile([0.5, 0.5], (len(colliding.plan.columns), 1))
-    assert remedies(replace(colliding, correlations=even, budget=budget, scale_for_target=(0.2, None))).startswith(
-        "Cheapest: "
-    )
 
 
 def test_adjustments_at_assembly_are_proposed_with_range_cost_and_yield():
@@ -519,19 +503,6 @@ def test_the_remedy_is_true_of_what_was_tried(goal, misses, budgets, kind, said)
     assert best.result.interval[0] >= 0.95
     singles = [change for change in result.budget.changes if change.kind in ("grade", "tightening")]
     assert bool(singles) == ("No single tolerance" not in statement.remedy)
-
-
-def test_a_change_for_another_limit_than_the_weakest_says_for_which():
-    """The table's r² is of the weakest limit alone: 0 of the array's distance, which a cure asks to be tighter."""
-    far = {"metric": "working_distance_mm", "min": "229.5 mm", "max": "230.5 mm"}
-    goals = [{"metric": "fill_factor", "min": 0.999, "max": 1.01}, far]
-    misses = [MISSES[0], {"place": "d_1", "tolerance": "0.2 mm"}]
-    result = analysed({"trials": 600, "goals": goals, "perturb": misses})
-    steps = tuple((place, "high", 0.01) for place in ("sensor.distance", "microlens_array.distance"))
-    held = result.final.result
-    budget = ToleranceBudget(0.95, (Change("several grades", steps, 1.0, held),), (), held)
-    (told,) = (one for one in tables(replace(result, budget=budget)) if one.title.startswith("Changes that reach"))
-    assert re.search(r" d_1 is for working distance: (100|99) % of its variance\.$", told.caption)
 
 
 def test_a_calibration_that_helps_no_limit_is_said_to_help_none():

@@ -169,7 +169,8 @@ def tolerance_finding(result: StudyResult, *, first_look: bool = False) -> Findi
     plan = result.plan
     title = "Default tolerances and limits" if first_look else "Tolerances and yield"
     section = Section(title, _tolerance_section(result, first_look=first_look).blocks, "tolerances")
-    said = None if first_look else _yield_statement(result, f"{plan.name}; design: {plan.question.design.name}")
+    about = f"{plan.name}; design: {plan.question.design.name}"
+    said = None if first_look else replace(_yield_statement(result, about), lead=0)  # among other verdicts
     return Finding(section, said, f"Seed of the {plan.trials:,} builds: {plan.draws.seed}.")
 
 
@@ -371,7 +372,7 @@ def remedies(result: StudyResult) -> str:
         best, *others = result.budget.changes
         alone = [change for change in (best, *others) if change.kind in ("grade", "tightening")]
         if not alone:
-            return f"{_culprit(result)}Cheapest: {told(best)} No single tolerance reaches it, however tight."
+            return f"Cheapest: {told(best)} No single tolerance reaches it, however tight."
         return f"Cheapest: {told(best)}" + ("" if best == alone[0] else f" Of one tolerance alone: {told(alone[0])}")
     remedy = "All tolerances together, down to a thousandth of what they are, do not reach it"
     if result.scale_for_target is not None:
@@ -385,18 +386,6 @@ def remedies(result: StudyResult) -> str:
         more = _change_words(result, adjusted[0])
         remedy += f". {more[:1].upper()}{more[1:]} gives {share_words(adjusted[0].result)}"
     return f"{remedy}."
-
-
-def _culprit(result: StudyResult) -> str:
-    """Sentence on the one tolerance that most of the weakest metric's variance is of; empty where none is."""
-    place, share = _mostly(result.plan, result.final, result.correlations)
-    if not place:
-        return ""
-    design = result.plan.question.design
-    alone = next((one.alone for one in result.allowed if one.place == place), math.inf)
-    held = f"; alone it may be ± {_width(design, place, alone)}" if math.isfinite(alone) else ""
-    spread = f"{100 * share:.3g} % of the variance of {in_words(result.final.weakest.label)}"
-    return f"Mostly {short_name(place, design)}: {spread}{held}. "
 
 
 def _mostly(plan: TolerancePlan, final: Variant, related: NDArray[np.float64]) -> tuple[str, float]:
@@ -736,7 +725,7 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
             f"What reaches {100 * budget.target:.4g} % for sure, cheapest first: with all of the yield's interval, on "
             "builds that it was not found by. "
             "Cost: more than now, in the unit of the grades' file (as shipped, 1 is the part in its loosest grade); a "
-            f"tolerance between two grades by its logarithm.{_for_other_limits(result, budget)}"
+            "tolerance between two grades by its logarithm."
         )
         yield Table.of(budget.changes[:MOST_CHANGES], columns, "Changes that reach the target yield", caption)
     if adjusted := _adjustments(result):
@@ -759,20 +748,6 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
             + ". Saves: of the part's cost, in that unit (as shipped, 1 is its loosest grade)."
         )
         yield Table.of(budget.looser, shown, "Tolerances to relax", caption)
-
-
-def _for_other_limits(result: StudyResult, budget: ToleranceBudget) -> str:
-    """Sentences on what changes ask of parts for another limit than the weakest, of which the tolerances' r² is."""
-    columns, shares = [column.label for column in result.plan.columns], result.correlations**2
-    asked = {place for change in budget.changes if "tolerances" not in change.kind for place, _, _ in change.steps}
-    told = []
-    for k, place in enumerate(_places(result)):
-        label = max((limit.label for limit in result.final.limits), key=lambda one: shares[columns.index(one), k])
-        share, own = shares[columns.index(label), k], shares[_weakest_row(result), k]
-        if {place, place.rpartition(".")[0]} & asked and own < MOVES <= share:
-            name = short_name(place, result.plan.question.design)
-            told.append(f" {name} is for {in_words(label)}: {100 * share:.0f} % of its variance.")
-    return "".join(told)
 
 
 def _adjustments(result: StudyResult) -> tuple[Change, ...]:
