@@ -108,6 +108,12 @@ def test_words_and_pictures_have_the_sphere_where_the_scene_is_one(trials):
         with_it, without = (str(pictures[name]) for pictures in shown)
         assert "sphere that fits best" in with_it
         assert "sphere that fits best" not in without
+    assert [panel.title for panel in shown[0]["map"].panels[::2]] == [
+        "depth",
+        "depth less the sphere",
+        "its standard error",
+    ]
+    assert "of radius 5 ± " in str(shown[0]["map"])
 
 
 def test_one_that_noise_hides_is_said_to_be_none_that_is_told(trials):
