@@ -21,14 +21,12 @@ from studies.accuracy.oracles.textbook import TEXTBOOK, overlap
 from tests.theory.designs import arguments, random_designs
 
 CASES = {case.name: case for case in all_cases()}
-DESIGNS = ("paper", "ear-speculum")
 PAPER = roslf.load("paper")
 
 
 @pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize("design", DESIGNS)
-def test_budgets_hold_on_the_way_to_every_singular_point(name, design):
-    (result,) = run_hard_cases(roslf.load(design), [CASES[name]], steps=5, seed=3).results
+def test_budgets_hold_on_the_way_to_every_singular_point(name):
+    (result,) = run_hard_cases(PAPER, [CASES[name]], steps=5, seed=3).results
     assert not result.faults
     assert result.at_point is None or not result.at_point.faults
     for one in result.functions:

@@ -147,12 +147,12 @@ def test_each_build_is_in_the_focus_that_a_search_through_its_matrices_finds(nam
     line = {"place": place, "aim": "focus"}
     plan, *_ = study(design, grade="high", exclude=beside_the_form(design), compensators=[line])
     draws = plan.draws
-    deviations = draws.deviations(draws.uniforms(0, 64, 0, 64))
+    deviations = draws.deviations(draws.uniforms(0, 64, 0, 16))
     values = draws.values(deviations)
     nominal = nominal_values(design)
     found = measure(plan, deviations)
-    assert found.moved.shape == (1, 64)
-    searched = [focused(design, {**nominal, **{p: row[k] for p, row in values.items()}}, place) for k in range(64)]
+    assert found.moved.shape == (1, 16)
+    searched = [focused(design, {**nominal, **{p: row[k] for p, row in values.items()}}, place) for k in range(16)]
     built = values.get(place, nominal[place])
     assert found.moved[0] == pytest.approx(searched - built, abs=1e-8)
     assert np.ptp(found.moved[0]) > 1e-3
