@@ -43,6 +43,8 @@ CORNERS = 500
 SLICES = 5
 """Parts of a side that are tried when shaving."""
 
+PROVING, MOST_CORNERS = 8, 10_000
+"""Rounds of splitting boxes, and corners of them, after which limits that are not ruled out count as open."""
 NAMED = 3
 """Parts that are named where a limit refuses many."""
 
@@ -213,6 +215,21 @@ def refused(combinations: Combinations) -> Iterator[Refused]:
             whole = limit.quantity.name == WHOLE
             widest = _widest_fixed(combinations, int(values.argmin()), whole) if all_too_wide else ""
             yield Refused(limit, np.flatnonzero(missed), parts, widest)
+
+
+def ruled_out(problem: DesignProblem) -> bool:
+    """Whether bounds prove that no camera of these variables holds all limits; what has none proves nothing."""
+    if not any(prunable(problem, limit) for limit in problem.constraints):
+        return False
+    whole, n = Combinations(problem.without_goals(), (), ()), problem.n
+    boxes = Boxes(whole, np.zeros(1, np.intp), np.zeros((1, n)), np.ones((1, n)))
+    for _ in range(PROVING if n else 1):
+        boxes = boxes.shaved(np.inf)
+        boxes = boxes.where(boxes.bound() < np.inf)
+        if not 0 < len(boxes) * 2 ** (n + 1) < MOST_CORNERS:
+            break
+        boxes = boxes.split() if n else boxes
+    return not len(boxes)
 
 
 def _widest_fixed(combinations: Combinations, number: int, whole: bool) -> str:

@@ -29,7 +29,7 @@ from .lens_variables import why_not_bent
 from .problem import DesignProblem, sobol_units
 from .search import BIG
 
-FOCAL, _, DISTANCE = CONJUGATES
+FOCAL, PLANE, DISTANCE = CONJUGATES
 FULL_WELL = "sensor.full_well"
 
 TRIED = 64
@@ -213,6 +213,8 @@ class Combinations:
         warmth = () if environment is None else (environment.temperature, environment.expansion)
         own = part.behind(self.problem.design.main_lens.kind, wavelength, *warmth)
         numbers = {placed(place, self.element): value for place, value in own.items()}
+        if FOCAL in numbers:
+            numbers |= self._focused
         if lens := numbers.get(LENS_PRESCRIPTION):
             numbers[HIATUS] = main_lens_kind(lens.warmed(*warmth) if warmth else lens, False).hiatus(wavelength)
         glasses = {place: value for place, value in numbers.items() if isinstance(value, Glass)}
@@ -220,6 +222,15 @@ class Combinations:
             f"{place.rpartition('.')[0]}.index": float(glass.index(wavelength, *warmth[:1]))
             for place, glass in glasses.items()
         }
+
+    @cached_property
+    def _focused(self) -> dict[str, float]:
+        """Focal plane that stays before every lens, by place; empty where it varies, or where the file states d_1."""
+        varies = bool(self.problem.n) and not self.problem.values(np.full(self.problem.n, 0.5)).keys().isdisjoint(
+            CONJUGATES[1:]
+        )
+        stated = self.problem.design.microlens_array.distance is None
+        return {PLANE: float(self.problem.design.d_f)} if stated and not varies else {}
 
     def cut(self, numbers: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Whether the array is cut to size, for many combinations at once."""
@@ -271,7 +282,7 @@ class Combinations:
         return {place: fields[keys[place]].default for place, own in known.items() if own == declared[place]}
 
     def problem_at(self, number: int) -> DesignProblem:
-        """The problem with a combination's parts; of the base design d_1 stays, and d_f follows a new lens.
+        """The problem with a combination's parts; before a new lens the focal plane stays, or d_1, as the file states.
 
         Here alone it counts what only some sensors' entries say (colour filters, acceptance).
 
@@ -293,13 +304,13 @@ class Combinations:
         if own:
             own |= {place: given.pop(place) for place in (PATHS["D"],) if place in numbers}
             given = {place: value for place, value in given.items() if place not in (FOCAL, HIATUS)}
-            design = self._behind(own, design)
+            design = self._behind(own, {place: given[place] for place in (PLANE,) if place in given}, design)
         chosen = {kind: part.part for kind, part in zip(self.kinds, parts, strict=True)}
         places = {kind: place if place != "elements" else f"elements.{self.element}" for place, kind in NAMED.items()}
         design = design.unchecked({f"{places[kind]}.part": name for kind, name in chosen.items() if kind in places})
         return replace(self.problem, design=design, given=given, cut=cut)
 
-    def _behind(self, own: Mapping[str, Any], base: Design) -> Design:
+    def _behind(self, own: Mapping[str, Any], plane: Mapping[str, float], base: Design) -> Design:
         """Some camera that can be built behind another real lens, by what it is made of; the search moves the rest."""
         problem = self.problem
         units = sobol_units(problem.n, TRIED, 0)
@@ -307,7 +318,7 @@ class Combinations:
         numbers = {place: value for place, value in numbers.items() if place not in (FOCAL, HIATUS)}
         fault = InputError((Problem("catalogue", "no camera"),))
         for k in range(-1, len(units)):
-            moved = {place: float(value[k]) for place, value in numbers.items()} if k >= 0 else {}
+            moved = dict(plane) | ({place: float(value[k]) for place, value in numbers.items()} if k >= 0 else {})
             if not moved.keys() & CONJUGATES[1:]:
                 moved[DISTANCE] = float(base.d_1)
             try:

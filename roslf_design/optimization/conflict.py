@@ -13,6 +13,7 @@ import numpy as np
 from .._arrays import Array, by_value
 from ..theory.quantity import FEASIBLE
 from ..words import listed, number, on_side
+from .bounds import ruled_out
 from .goals import Constraint
 from .problem import FRESH_POINTS, DesignProblem, sobol_units
 from .search import BIG, Guard, SearchBudget, least_violation, violation_of
@@ -100,8 +101,10 @@ class Conflict:
     violation: float
     violations: tuple[_Violation, ...] = ()
     clashing: tuple[_Violation, ...] = ()
-    """Limits that cannot hold together within the bounds, while any fewer of them can, as far as searches tell, with
-    what there is of each at the least-violating point of them alone."""
+    """Limits that no search within the bounds held together, while any fewer of them can be, with what there is of each
+    at the least-violating point of them alone."""
+    proven: bool = False
+    """Whether bounds of closed forms prove that nothing holds them together."""
     complete: bool = True
     """Whether every smaller set was shown to be feasible before the budget was spent."""
     relaxations: tuple[_Relaxation, ...] = ()
@@ -128,10 +131,13 @@ class Conflict:
         if self.undefined:
             return f"where the limits hold, {' and '.join(self.undefined)} is undefined"
         if not self.clashing:
-            return f"within the bounds stands no camera ({', '.join(self.always) or 'nothing can be built'})"
+            return f"within the bounds no camera was found ({', '.join(self.always) or 'nothing can be built'})"
         doubt = "" if self.complete else " (a smaller set was not excluded before the budget was spent)"
         views = ", of microlenses that image the pupil (microlens_in_focus = true lets f_ml follow)" * self.by_views
-        clash = "these cannot hold together:" if len(self.clashing) > 1 else "nothing holds"
+        several = len(self.clashing) > 1
+        clash = "these cannot hold together:" if several else "nothing holds"
+        if not self.proven:
+            clash = f"no search found a camera that holds{' these together:' * several}"
         told = {one.limit: one.value_words for one in self.violations}
         alone = any(told.get(one.limit, one.value_words) != one.value_words for one in self.clashing)
         alone_words = ", all other limits left out" * alone
@@ -150,6 +156,7 @@ class Conflict:
             "violations": self.violations,
             "cannot_hold_together": self.smallest,
             "clashing": self.clashing,
+            "proven": self.proven,
             "smaller_sets_shown_feasible": self.complete,
             "reason": self.reason,
             "no_camera": self.always,
@@ -205,6 +212,7 @@ def _explained(problem: DesignProblem, points: Sequence[Array], budget: SearchBu
         violation=violation,
         violations=missed,
         clashing=tuple(_Violation.of(problem, sided.constraints[index], there) for index in sorted(smallest)),
+        proven=ruled_out(sided.keeping(smallest)),
         complete=complete,
         relaxations=tuple(
             replace(way, reached=problem.number(sided.constraints[index], reached[index]))

@@ -347,7 +347,7 @@ def _missed(problem: DesignProblem, nearest: Search) -> str:
     if row.constraint < 0:
         return f"no camera: misses {row.label}"
     constraint = problem.constraints[row.constraint]
-    return f"misses {row.label}: nearest {constraint.with_unit(problem.number(constraint, nearest.unit), 4)}"
+    return f"misses {row.label}: nearest found {constraint.with_unit(problem.number(constraint, nearest.unit), 4)}"
 
 
 def _order(ranked: Ranked) -> tuple[float, int]:

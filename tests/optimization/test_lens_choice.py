@@ -150,7 +150,7 @@ def test_no_bought_lens_is_better_than_ours():
         lens, turned = shapes[int(numbers[0])]
         changes = {"main_lens.prescription": lens, "main_lens.reversed": turned, "main_lens.diameter": 0.9 * 50.8}
         changes |= {"aperture.diameter": numbers[1], "aperture.distance": numbers[2]}
-        lit = images(SINGLET.replace({**changes, "microlens_array.distance": SINGLET.d_1}))
+        lit = images(SINGLET.replace(changes))  # its file states the focal plane
         if not np.isfinite(lit.area).all():
             return 20.0
         return -np.log(max(lit.area[1], 1e-9)) + 10 * max(0.0, np.log(lit.diameter[0] / 0.063))
@@ -175,6 +175,28 @@ def test_no_bought_lens_is_better_than_ours():
     values = combinations.problem_at(best.number).named(best.search.unit)
     number = shapes.index((load_lens(lens), way == "reversed"))
     assert cost([number, values["D_F"], values["d_3"]]) <= known.fun + 1e-3
+
+
+def chosen_design(design, name, bounds):
+    """The design that a study begins from with a lens of the catalogue, in the middle of its bounds."""
+    parts = CatalogueTable(kinds=("lenses",), only={"lenses": (name,)}).chosen(load_catalogue(), design.main_lens.kind)
+    problem = Combinations.of(posed(bounds, (), design=design), parts, ("lenses",)).problem_at(0)
+    return problem.design_at(np.full(problem.n, 0.5))
+
+
+@pytest.mark.parametrize("base", [SINGLET, roslf.load("paper").replace({"f": 98.0})])
+def test_before_a_chosen_lens_the_focal_plane_stays_where_the_file_states_it(base):
+    """1/d_1 = 1/f - 1/d_f; d_1 was held, so that a shorter lens looked elsewhere and missed what it holds in focus."""
+    file = base.replace({"d_f": base.d_f})
+    stated = chosen_design(file, "AC508-100-A", {"D_F": (2.0, 3.0)})
+    assert stated.d_f == pytest.approx(base.d_f, rel=1e-12)
+    assert stated.d_1 == pytest.approx(1 / (1 / stated.f - 1 / base.d_f), rel=1e-9)
+    assert stated.f != pytest.approx(base.f, rel=1e-4)
+    # Hardware that the file states stays, and what varies is the study's.
+    held = chosen_design(base.replace({"d_1": base.d_1}), "AC508-100-A", {"D_F": (2.0, 3.0)})
+    assert held.d_1 == pytest.approx(base.d_1, rel=1e-12)
+    moved = chosen_design(file, "AC508-100-A", {"working_distance": (300.0, 500.0)})
+    assert moved.d_f > base.d_f + 50
 
 
 def test_parts_that_miss_a_limit_by_rays_where_they_end_are_not_listed(monkeypatch):

@@ -19,7 +19,9 @@ from roslf_design.catalogue import load_catalogue, rows
 from roslf_design.cli import main
 from roslf_design.design import dumps, save
 from roslf_design.design.files import WRITTEN
-from roslf_design.optimization.conflict import Conflict, _Violation
+from roslf_design.optimization import Constraint
+from roslf_design.optimization.conflict import Conflict, _Violation, explain
+from roslf_design.optimization.search import SearchBudget
 from roslf_design.optimization.study import load_study, read_study
 from roslf_design.optimization.study import run as run_study
 from roslf_design.reporting.blocks import Statements, Table
@@ -28,7 +30,7 @@ from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.focused import LIMIT, has_views, pupil_blur_ratio
 from roslf_design.theory.length_covariance import LengthCovariance
 from roslf_design.units import parse_quantity
-from tests.optimization.posing import GOOD, PAPER, posed
+from tests.optimization.posing import GOOD, PAPER, limit, posed
 
 FOLLOWS = "microlens_in_focus = true"
 """The array's microlenses, made for it: behind a pupil so wide the paper's own show no views."""
@@ -225,6 +227,26 @@ def test_a_conflict_names_nothing_as_missed_that_is_held():
     assert replace(conflict, clashing=(far,)).reason.endswith("(got 5.7473 lp/mm)")
     missed = replace(conflict, violations=(far, replace(near, value=2.4))).missed
     assert missed == "The least-violating point misses detail at 40 mm >= 2.5 lp/mm (got 2.4 lp/mm) as well."
+
+
+def test_that_nothing_holds_is_said_where_it_is_proven_alone():
+    """Image fill rises with d_2, so that its ends are a proof; of what one field asks there is none, only a search."""
+
+    def fill(d_2):
+        return float(roslf.quantity("fill_factor")(Camera.of(PAPER.replace({"d_2": d_2, "D_F": 4.0}))))
+
+    bounds = {"d_2": (0.5, 9.0), "D_F": (1.0, 4.0)}
+    alone = posed(bounds, (limit("fill_factor", 1.01 * fill(9.0)),))
+    start = [np.full(2, 0.5)]
+    proven = explain(alone, start, SearchBudget(), 0)
+    assert (proven.proven, "nothing holds" in proven.reason) == (True, True)
+    at_field = Constraint(quantity="fill_factor", field=(0.0, 0.0), min=1.01 * fill(9.0))
+    searched = explain(posed(bounds, (at_field,)), start, SearchBudget(), 0)
+    assert not searched.proven
+    assert "no search found a camera that holds" in searched.reason
+    # Two that each can be held: no corner excludes either, only ever smaller boxes do.
+    both = posed(bounds, (limit("fill_factor", 1.01 * fill(1.0)), limit("d_2", high=1.0)))
+    assert "cannot hold together" in explain(both, start, SearchBudget(), 0).reason
 
 
 def test_an_impossible_study_exits_0_and_says_so(capsys, tmp_path):
