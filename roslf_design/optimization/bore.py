@@ -20,6 +20,7 @@ from ..design.parts import Opening
 from ..errors import InputError, Problem
 from ..theory.light import sensor_field
 from ..theory.stop_images import stop_openings
+from ..theory.vignetting import lit_radius
 from ..toml_files import StrictTable
 from ..units import Distance, Length
 from .problem import DesignProblem
@@ -32,6 +33,8 @@ DIRECTIONS = 8
 """Directions of these, over half a turn, where not all stops are round."""
 PASSES = 12
 """Most times that a bore is reduced again for the field of the optimum."""
+ROUNDING = 1e-9
+"""Light on the axis, over that of the pupil, below which there is none."""
 SETTLED = 1e-6
 """Relative change of D_F and d_3 at which the bore's reduction has settled."""
 
@@ -82,17 +85,21 @@ class EquivalentPupil:
     pupil_distance_mm: float
     """d_3."""
     fields_mm: Array
-    """Distances of the microlenses that were compared from the axis; each in the direction where most is misplaced."""
+    """Distances of the microlenses that were compared from the axis, as far out as the bore leaves a third of a
+    pencil's width; each in the direction where most is misplaced."""
     kept_bore: Array
     """Light through bore and main lens, over that of the unclipped equivalent pupil; may be above 1."""
     kept_pupil: Array
     """Light through equivalent pupil and main lens, over that of the unclipped equivalent pupil."""
     misplaced: Array
-    """Share of the pupil's light that one lets through and the other does not."""
+    """Light that one lets through and the other does not, over that of the pupil or, where it is less, of the bore on
+    the axis."""
     worst_kept_difference: float
     """Largest difference of unvignetted fractions over the field."""
     worst_misplaced: float
     """Largest share on the wrong side; never below the difference of unvignetted fractions."""
+    seen_to_mm: float
+    """Distance of the farthest microlens that the sensor sees."""
     passes: int = 1
     """How many times the bore was reduced, each for the optimum behind the last pupil."""
     settled: bool = False
@@ -102,6 +109,12 @@ class EquivalentPupil:
     def stop(self) -> tuple[float, float]:
         """Diameter and distance [mm]."""
         return self.pupil_diameter_mm, self.pupil_distance_mm
+
+    @property
+    def dark_beyond_mm(self) -> float | None:
+        """Distance of the microlenses beyond which the bore leaves too little; None where the sensor sees none."""
+        lit = float(self.fields_mm[-1])
+        return lit if lit < self.seen_to_mm else None
 
     @property
     def cost(self) -> tuple[float, float]:
@@ -115,7 +128,7 @@ class EquivalentPupil:
 
 
 def reduce_bore(design: Design, rims: Sequence[Stop]) -> EquivalentPupil:
-    """One stop that stands for the rims of a bore (without the main lens), for the field that a design's sensor sees.
+    """One stop that stands for the rims of a bore (without the main lens), for the field that it lights on the sensor.
 
     The design gives lens, focus, array and the shape of the stop; its own stops are not looked at. Exact (nothing
     misplaced) for a single rim of that shape, and where one such rim is the only one that ever cuts.
@@ -132,8 +145,7 @@ def reduce_bore(design: Design, rims: Sequence[Stop]) -> EquivalentPupil:
         )
         raise InputError((Problem("bore", f"{words}; focus the base design farther out, or shorten the bore"),))
     camera = _behind(design, rims)
-    # On the axis the rim with the smallest angle seen from the focal plane is the pupil, wherever it stands.
-    angle = min(float(rim.outline.width) / (design.d_f - rim.distance) for rim in rims)
+    angle = float(camera.D_F) / (design.d_f - float(camera["aperture.distance"]))
     tried = [(float(rim.outline.width), rim.distance) for rim in rims]
     tried += [(angle * (design.d_f - z), z) for z in np.linspace(near, far, 9).tolist()]
     best = min((_judged(camera, *stop) for stop in tried), key=lambda pupil: pupil.cost)
@@ -158,13 +170,17 @@ def judge_pupil(design: Design, rims: Sequence[Stop], diameter: float, distance:
 
 
 def _behind(design: Design, rims: Sequence[Stop]) -> Camera:
+    """The bore, its pupil on the axis for FAP: the rim with the smallest angle seen from the focal plane."""
     centred = {f"{part}.decentre": (0.0, 0.0) for part in ("main_lens", "aperture")}
-    return Camera.of(design.replace({"stops": tuple(rims), **centred}))
+    pupil = min(rims, key=lambda rim: float(rim.outline.width) / (design.d_f - rim.distance))
+    camera = Camera.of(design.replace({"stops": tuple(rims), **centred}))
+    return camera.replace({"D_F": float(pupil.outline.width), "aperture.distance": pupil.distance})
 
 
 def _judged(bore: Camera, diameter: float, distance: float) -> EquivalentPupil:
     camera = bore.replace({"D_F": diameter, "aperture.distance": distance})
-    fields = np.linspace(0.0, float(sensor_field(camera).radius), FIELDS)
+    seen = float(sensor_field(camera).radius)
+    fields = np.linspace(0.0, min(seen, float(lit_radius(bore))), FIELDS)
     # Stops are centred: opposite fields are alike.
     turns = DIRECTIONS if any(rim.outline.straight for rim in camera.openings) else 1
     turn = np.linspace(0, np.pi, turns, endpoint=False)[:, None]
@@ -174,8 +190,9 @@ def _judged(bore: Camera, diameter: float, distance: float) -> EquivalentPupil:
     misplaced = np.maximum(pupil - both, 0.0) + np.maximum(through - both, 0.0)
     worst = np.argmax(misplaced, axis=0), np.arange(FIELDS)
     pupil, through, misplaced = (share[worst] for share in (pupil, through, misplaced))
+    misplaced = misplaced / np.clip(through[0], ROUNDING, 1.0)  # a pupil far too wide would hide all that it adds
     most = float(np.abs(through - pupil).max()), float(misplaced.max())
-    return EquivalentPupil(diameter, distance, fields, through, pupil, misplaced, *most)
+    return EquivalentPupil(diameter, distance, fields, through, pupil, misplaced, *most, seen)
 
 
 def solve_through(

@@ -118,6 +118,29 @@ def test_no_stop_nearby_does_better(reduced):
             assert other.worst_misplaced >= reduced[0].worst_misplaced - 1e-6
 
 
+def test_a_bore_that_leaves_the_corner_dark_is_reduced_for_what_it_lights():
+    """Dark corners made a hole of 20 mm best in a tube of 10 mm; a fan tells how far a third of a pencil comes."""
+    long = PAPER.replace({"d_f": 200.0, "d_3": 55.0, "D_F": 4.0, "d_2": 0.45})
+    tube = tube_rims(10.0, 90.0, 10.0)
+    found = reduce_bore(long, tube)
+    # All rays to the axis' point on the focal plane pass the far rim's cone, 10 mm at 100 mm, and the near rim's.
+    assert found.pupil_diameter_mm <= 10.0
+    assert found.kept_bore[0] == pytest.approx(
+        (10 / 190 * (200 - found.pupil_distance_mm) / found.pupil_diameter_mm) ** 2, rel=1e-9
+    )
+    lit = found.dark_beyond_mm
+    assert 0 < lit < found.seen_to_mm
+
+    def wide(axis):  # along the way outwards, where both discs' common part is narrowest
+        fan = np.stack([np.linspace(-0.5, 0.5, 400_001), np.zeros(400_001)], axis=-1)
+        on_sensor = np.array([axis, 0.0]) + fan
+        return seen(
+            long, [(rim.diameter, rim.distance) for rim in tube], np.array([axis, 0.0]), on_sensor - [axis, 0.0]
+        ).mean()
+
+    assert wide(lit) / wide(0.0) == pytest.approx(1 / 3, abs=2e-4)
+
+
 def test_a_bore_beyond_the_focal_plane_is_refused():
     with pytest.raises(ValueError, match="in the bore"):
         reduce_bore(PAPER, tube_rims(8.0, 400.0, 10.0))

@@ -396,6 +396,14 @@ def _about_bore(result: Result) -> Statement:
     )
     good = pupil.worst_misplaced <= 0.05
     remedy = "" if good else "Check the result with every rim as a stop of the design."
+    if pupil.dark_beyond_mm is not None:
+        good = False
+        text += (
+            f". That is out to {pupil.dark_beyond_mm:.4g} mm from the axis on the array, of {pupil.seen_to_mm:.4g} mm "
+            "that the sensor sees: farther out the bore leaves less than a third of the pencils, which one stop cannot "
+            "show, so that fields told behind it are too large"
+        )
+        remedy = "Give the bore's rims to the design ([[stops]], bore = true): they then cut fields and images."
     if not pupil.settled:
         remedy += " The stop that suits an optimum best changes with it, without end: of those tried this misled least."
     return Statement("plain" if good and pupil.settled else "caution", f"{text}.", remedy.strip())
