@@ -88,6 +88,14 @@ def test_the_wall_s_predicted_error_and_evaluate_s_bound_differ_by_their_texture
     assert "(2.5 microlenses there) and 0.111 rms contrast" in text
 
 
+def test_depth_expected_beside_simulated_exposures_is_that_of_evaluate_behind_a_real_lens():
+    """It was the thin lens's, whose focus moves by the housing alone: no glass that warms with it."""
+    warm = roslf.load("paper-singlet").replace({"environment": {"range": (-15.0, 55.0), "housing": "aluminium"}})
+    text = _beside_evaluate(warm, assumed(warm, default_scene(warm), 5, 0.45))
+    assert f"(u = {roslf.evaluate(warm).depth.expected['u_z_mm']:.3g} mm)" in text
+    assert "temperature" in text
+
+
 def test_shares_near_none_and_all_are_neither():
     shares = 0, 1e-6, 0.001, 0.5, 0.999, 1 - 1e-6, 1
     assert [*map(_percent, shares)] == ["none", "under 0.1 %", "0.1 %", "50 %", "99.9 %", "over 99.9 %", "100 %"]

@@ -405,7 +405,7 @@ def _other_texture(trial: Trial) -> str:
     given = trial.assumes()
     if given["texture"] != "the scene's" or "exposure_s" not in given:
         return ""
-    own, seen = (Camera.of(one.thin_twin) for one in (trial.raw.design, trial.texture))
+    own, seen = map(Camera.of, (trial.raw.design, trial.texture))
     bound, here = (float(QUANTITIES["sigma_z_mm"](camera)) for camera in (own, seen))
     if not 0 < bound < math.inf or NEAR[0] <= here / bound <= 1 / NEAR[0]:
         return ""
@@ -417,7 +417,7 @@ def _other_texture(trial: Trial) -> str:
 
 def _beside_evaluate(design: Design, texture: Design) -> str:
     """Why the predicted error is another than the bound of `roslf evaluate`: each is of its own texture."""
-    own, seen = (Camera.of(one.thin_twin) for one in (design, texture))
+    own, seen = map(Camera.of, (design, texture))
     bound, here = (number(float(QUANTITIES["sigma_z_mm"](camera)), 3) for camera in (own, seen))
     finest, sample = float(seen["depth.finest"]), float(QUANTITIES["object_sample_mm"](own))
     return (

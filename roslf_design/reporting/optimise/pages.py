@@ -296,7 +296,7 @@ def _optimum(answer: Answer, reached: str) -> Statement:
 
 def _infinite(answer: Answer) -> tuple[str, str]:
     """Cause of the optimum's infinite depth, as its own budget has it, and its remedy; no cause of other goals."""
-    camera = Camera.of(answer.problem.design_at(answer.unit).thin_twin)
+    camera = Camera.of(answer.problem.design_at(answer.unit))
     causes = dict[str, str]()
     for goal in answer.asked.goals:
         noise_alone = goal.quantity.name.startswith("sigma_z")
