@@ -304,9 +304,14 @@ class _Pool:
         others = frozenset(range(len(self.problem.constraints))) - {index}
         guard, soft = self._guard(self.problem), self.owner == index
         unit, rows = least_violation(guard, self._starts(others), np.where(soft, 1.0, np.inf).tolist())
+        helps = violation_of(rows[~soft]) <= 1e-7
+        # Where nothing else keeps from it, searches for all limits, or for this one, may have come nearer.
+        self.add(np.stack([unit, self.alone_best(index)]))
+        over = np.where(self.missed(others) <= FEASIBLE, self.over[index + 1], np.inf)
+        if np.isfinite(over.min()) and (not helps or over.min() < violation_of(rows[soft])):
+            unit, helps = self.units[over.argmin()], True
         one = _Violation.of(self.problem, constraint, unit)
-        helps = violation_of(rows[~soft]) <= 1e-7 and np.isfinite(one.value)
-        return _Relaxation(one.limit, one.wanted, one.value if helps else None, one.unit)
+        return _Relaxation(one.limit, one.wanted, one.value if helps and np.isfinite(one.value) else None, one.unit)
 
 
 def _smallest(pool: _Pool, among: Sequence[int]) -> tuple[frozenset[int], bool]:

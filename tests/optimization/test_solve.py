@@ -322,6 +322,24 @@ def test_each_relaxation_makes_it_feasible_and_less_does_not(refused):
         assert not can_hold(relaxed(relaxation, short))
 
 
+def test_what_would_do_is_no_farther_than_what_was_met(monkeypatch):
+    """A search that stalls told 13.96 mm where 15.85 mm had been met; alone, a limit could be what it comes to."""
+
+    def stalls(guard, starts, *_, **__):
+        unit = np.clip(starts[-1], 0.0, 1.0)
+        return unit, guard.rows(unit)[0][1:]
+
+    monkeypatch.setattr("roslf_design.optimization.conflict.least_violation", stalls)
+    problem = posed({"d_2": (0.5, 9.0), "D_F": (1.0, 4.0)}, (limit("D_F", 5.0),))
+    conflict = explain(problem, [np.array([0.3, 1.0]), np.array([0.5, 0.2])], SearchBudget(), 0)
+    assert conflict.relaxations[0].needed == pytest.approx(4.0, rel=1e-12)
+    # Where another limit keeps from it: no point counts that misses the other.
+    both = replace(problem, constraints=(limit("D_F", 5.0), limit("fill_factor", high=0.2)))
+    way = {one.label: one.needed for one in explain(both, [np.array([0.3, 1.0])], SearchBudget(), 0).relaxations}
+    widest = replace(both, constraints=(limit("D_F", way["D_F >="]), limit("fill_factor", high=0.2)))
+    assert way["D_F >="] is None or can_hold(widest)
+
+
 def test_a_limit_or_a_bound_that_stands_in_the_way_alone_is_named():
     answer = solve(replace(IMPOSSIBLE, constraints=(limit("D_F", 5.0),)), Settings(starts=2, check=False))
     assert not answer.feasible
