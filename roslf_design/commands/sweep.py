@@ -17,7 +17,7 @@ from ..bore.conjugates import CONJUGATES
 from ..bore.part import TEMPERATURE
 from ..design import PATHS, Design
 from ..errors import InputError, one_line, refusal
-from ..evaluation.sweep import Sweep, unit_of
+from ..evaluation.sweep import AT, Sweep, unit_of
 from ..evaluation.sweep import sweep as compute
 from ..reporting.sweep import sweep_picture
 from ..theory.limits import as_design, limits
@@ -61,7 +61,8 @@ def sweep(
     Parameters
     ----------
     set
-        A dotted place or a symbol, and from where to where: "aperture.distance=0..150 mm"; may be given twice.
+        A dotted place or a symbol, and from where to where: "aperture.distance=0..150 mm"; "at=60..200 mm" is over the
+        distance ahead of the bore's tip. May be given twice.
     quantity
         Names, with commas between; `roslf quantities` lists all. May be given several times.
     output
@@ -132,8 +133,8 @@ def _span(text: str, count: int) -> tuple[str, Array]:
     if not equals or match is None:
         raise refusal("set", f'cannot read "{text}"; write PLACE=FROM..TO UNIT, as "aperture.distance=0..150 mm"')
     place, unit = place.strip(), match[3].strip()
-    if "." not in place and place not in PATHS:
-        hint = nearest(place, [*PATHS, *PATHS.values(), TEMPERATURE])
+    if "." not in place and place not in (AT, *PATHS):
+        hint = nearest(place, [AT, *PATHS, *PATHS.values(), TEMPERATURE])
         raise refusal("set", f"{place}: is not a number of this design; {hint}")
     dimension = DIMENSIONS.get(unit_of(PATHS.get(place, place)))
     if dimension is None and unit:

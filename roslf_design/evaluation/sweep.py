@@ -17,11 +17,13 @@ from .._arrays import Array
 from ..bore.conjugates import follower
 from ..camera import Camera
 from ..design import PATHS, Design
-from ..distances import Distance, one_distance
-from ..errors import expect
+from ..distances import Distance, check_distances, one_distance
+from ..errors import expect, refusal
+from ..theory.field_of_view import focus_ahead
 from ..theory.focused import refuse_focused
 from ..theory.limits import as_design
 from ..theory.quantities import QUANTITIES, quantities_of_cameras, thin_lens_note
+from ..theory.quantity import Quantity
 from ..theory.quantity_table import QuantityTable
 from .specification import MOST_TRACED, rays_tell
 
@@ -54,9 +56,10 @@ class Sweep:
         reasons: dict[str, str] = {}
         for point in some.tolist():
             values = [float(axis[k]) for axis, k in zip(self.places.values(), point, strict=True)]
-            changes = {PATHS.get(place, place): value for place, value in zip(self.places, values, strict=True)}
+            named = dict(zip(self.places, values, strict=True))
+            changes = {PATHS.get(place, place): value for place, value in named.items() if place != AT}
             at = " and ".join(f"{place} = {value:.6g}" for place, value in zip(self.places, values, strict=True))
-            asked = [(QUANTITIES[name], self.at) for name in self.values]
+            asked = [(QUANTITIES[name], named.get(AT, self.at)) for name in self.values]
             for problem in rays_tell(partial(design.replace, changes), asked)[1]:
                 reasons.setdefault(re.sub(r"[\d.]+", "", str(problem)), f"at {at}{self._unit()}: {problem}")
         return tuple(reasons.values())
@@ -88,6 +91,8 @@ class Sweep:
         return f" {units.pop()}".rstrip() if len(units) == 1 else ""
 
 
+AT = "at"
+"""Place of no design: the distance ahead of the bore's tip that quantities are asked for at."""
 LOOKED_AT = 12
 """Points without a camera that are asked why."""
 
@@ -108,8 +113,8 @@ def sweep(
     design : Design, str or Path
         Gives every other number; the name of a preset or a design file as well.
     places : mapping
-        One or two dotted places ("aperture.distance") or symbols ("d_3") to their values [mm, rad]. Of f, d_f and d_1
-        the same one follows as in `Design.replace`.
+        One or two dotted places ("aperture.distance") or symbols ("d_3") to their values [mm, rad]; "at" is the
+        distance ahead of the tip. Of f, d_f and d_1 the same one follows as in `Design.replace`.
     quantities : str or sequence of str
         Names in `QUANTITIES`, of whole cameras.
     at : float or str, optional
@@ -136,42 +141,58 @@ def sweep(
     if not 1 <= len(places) <= 2:
         raise ValueError(f"{len(places)} places given; sweep one or two")
     at = one_distance(at)
-    known = quantities_of_cameras(quantities, at)
-    for quantity in known:
-        if quantity.of_views:
-            refuse_focused(design, quantity.name, changed=places)
     try:
         axes = {place: np.asarray(values, float).ravel() for place, values in places.items()}
     except (TypeError, ValueError):
         raise ValueError(f"{places}: give numbers in mm or rad, as numpy.linspace(0, 3, 61)") from None
-    shape = tuple(len(values) for values in axes.values())
-    grid = np.meshgrid(*axes.values(), indexing="ij")
-    camera = Camera.of(design, {place: values.ravel() for place, values in zip(axes, grid, strict=True)})
-    values, valid = {}, np.broadcast_to(camera.valid, camera.shape).copy()
+    if AT in axes and at is not None:
+        raise refusal(AT, "given and swept; drop one of them")
+    distances = check_distances(axes[AT].tolist()) if AT in axes else (at,)
+    known = quantities_of_cameras(quantities, distances[0])
+    built = {place: values for place, values in axes.items() if place != AT}
+    for quantity in known:
+        if quantity.of_views:
+            refuse_focused(design, quantity.name, changed=built)
+    grid = np.meshgrid(*built.values(), indexing="ij")
+    camera = Camera.of(design, {place: values.ravel() for place, values in zip(built, grid, strict=True)})
+    points = int(np.prod([len(values) for values in built.values()]))
+    values, valid = {}, np.broadcast_to(camera.valid, (points,)).copy()
     by_rays = [quantity for quantity in known if quantity.of_rays is not None and design.main_lens.kind.mounted]
-    few = len(valid) <= MOST_TRACED
+    few = len(valid) * len(distances) <= MOST_TRACED
     traced = np.flatnonzero(valid) if by_rays and few else ()
+
+    def of_points(quantity: Quantity, one: float | None) -> Array:
+        each = quantity(camera, one if quantity.at != "never" else None)
+        return np.where(valid, np.broadcast_to(each, (points,)), np.nan)
+
     with np.errstate(all="ignore"):  # of points that are no cameras
         for done, quantity in enumerate(known):
             progress(done / (len(known) + len(traced)))
-            each = np.broadcast_to(quantity(camera, at if quantity.at != "never" else None), camera.shape)
-            values[quantity.name] = np.where(valid, each, np.nan).reshape(shape)
+            values[quantity.name] = np.stack([of_points(quantity, one) for one in distances])
     for done, k in enumerate(traced, len(known)):
         progress(done / (len(known) + len(traced)))
-        point = {PATHS.get(place, place): float(values.ravel()[k]) for place, values in zip(axes, grid, strict=True)}
-        told, faults = rays_tell(partial(design.replace, point), [(quantity, at) for quantity in by_rays])
+        point = {PATHS.get(place, place): float(own.ravel()[k]) for place, own in zip(built, grid, strict=True)}
+        asked = [(quantity, one) for quantity in by_rays for one in distances]
+        told, faults = rays_tell(partial(design.replace, point), asked)
         valid[k] = not faults
-        for quantity, value in zip(by_rays, told, strict=True):
+        for (quantity, one), value in zip(asked, told, strict=True):
             if value is not None:
-                values[quantity.name].flat[k] = value
-    values = {name: np.where(valid.reshape(shape), each, np.nan) for name, each in values.items()}
+                values[quantity.name][distances.index(one), k] = value
+
+    def shaped(each: NDArray[Any]) -> NDArray[Any]:
+        """Values at distances and points, on the grid's axes in their order."""
+        own = each.reshape(len(distances), *(len(values) for values in built.values()))
+        return own[0] if AT not in axes else own.T if len(axes) == 2 and list(axes)[1] == AT else own
+
+    values = {name: shaped(np.where(valid, each, np.nan)) for name, each in values.items()}
     units = {quantity.name: quantity.unit for quantity in known}
     units |= {place: unit_of(place) for place in axes}
-    follows = follower([PATHS.get(place, place) for place in axes])
+    follows = follower([PATHS.get(place, place) for place in built])
     here = Camera.of(design)
-    own = tuple(float(here[PATHS.get(place, place)]) for place in axes)
+    own = tuple(float(focus_ahead(here) if place == AT else here[PATHS.get(place, place)]) for place in axes)
     note = thin_lens_note([design], values, untraced="" if few else f"a sweep of up to {MOST_TRACED} points")
-    return Sweep(axes, values, units, valid.reshape(shape), follows, at, own, note)
+    drawn = shaped(np.broadcast_to(valid, (len(distances), points)))
+    return Sweep(axes, values, units, drawn, follows, at, own, note)
 
 
 UNITS = {

@@ -10,7 +10,7 @@ import numpy as np
 from ..drawing.marks import Area, Dots, Image, Key, Line, Mark, Text, box_key, contours, dot_key, line_key, parted
 from ..drawing.panel import Panel, Scale, colour_bar, named_ticks
 from ..drawing.picture import PAGE, Picture, beside, one_panel
-from ..evaluation.sweep import Sweep
+from ..evaluation.sweep import AT, Sweep
 from ..theory.limits import Limits
 from ..theory.quantities import in_words
 from ..words import number
@@ -56,7 +56,7 @@ def _ends(swept: Sweep, name: str, required: Sequence[Limits]) -> list[tuple[flo
     return [
         (end, f"{word} {number(end, 4)} {swept.units[name]}".rstrip())
         for asked, quantity, low, high in required
-        if quantity.name == name and (quantity.at == "never" or asked.at == swept.at)
+        if quantity.name == name and (quantity.at == "never" or (AT not in swept.places and asked.at == swept.at))
         for word, end in (("at least", low), ("at most", high))
         if end is not None
     ]
@@ -74,7 +74,8 @@ def _known_part(swept: Sweep) -> Sweep:
 
 
 def _label(name: str, unit: str) -> str:
-    return f"{in_words(name)} [{unit}]" if unit else in_words(name)
+    words = "ahead of the tip" if name == AT else in_words(name)
+    return f"{words} [{unit}]" if unit else words
 
 
 def _panel(swept: Sweep, name: str, title: str, ends: list[tuple[float, str]]) -> tuple[Picture, list[Key]]:
@@ -98,7 +99,7 @@ def _panel(swept: Sweep, name: str, title: str, ends: list[tuple[float, str]]) -
         lone = there[1:-1] & ~there[:-2] & ~there[2:]  # no line goes to a neighbour
         up = Scale.around([*known, *(end for end, _ in near)])
         here: list[Mark] = [Line([swept.own[0]] * 2, [up.low, up.high], *OWN, testid="own")] if within else []
-        keys += [line_key("the design", *OWN)] if within else []
+        keys += [line_key("the focal plane" if place == AT else "the design", *OWN)] if within else []
         for end, words in near:
             here.append(Line([across.low, across.high], [end, end], *REQUIRED, testid="required"))
             here.append(Text(across.high, end, words, anchor="end", dx=-6.0, dy=-5.0, plate=True))

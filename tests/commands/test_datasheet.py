@@ -615,6 +615,31 @@ def test_numbers_on_a_coarse_map_stand_clear_of_each_other(points):
         assert abs(a + one.dx - b - other.dx) > wide or abs(up - down) > one.size
 
 
+def test_a_sweep_over_distance_is_evaluate_at_each(tmp_path, capsys):
+    """Alone, beside a length on either axis, and through a real lens; CSV has a row a distance."""
+    paper = roslf.load("paper")
+    names, planes = ["sigma_z_mm", "field_half_width_mm", "fill_factor"], [150.0, 200.0, 400.0]
+    for design in (paper, roslf.load("paper-singlet")):
+        alone = roslf.sweep(design, {"at": planes}, names)
+        each = [roslf.evaluate_many({"own": design}, names, at=one) for one in planes]
+        for name in names:
+            assert alone.values[name] == pytest.approx([float(table.columns[name][0]) for table in each], rel=1e-12)
+    assert (alone.follows, alone.own) == (None, (pytest.approx(350.0 - design.aperture.distance),))
+    lengths = [60.0, 100.0]
+    grid = roslf.sweep(paper, {"d_3": lengths, "at": planes}, ["sigma_z_mm"]).values["sigma_z_mm"]
+    turned = roslf.sweep(paper, {"at": planes, "d_3": lengths}, ["sigma_z_mm"]).values["sigma_z_mm"]
+    assert (grid.shape, turned.shape) == ((2, 3), (3, 2))
+    for k, d_3 in enumerate(lengths):
+        own = roslf.sweep(paper.replace(d_3=d_3), {"at": planes}, ["sigma_z_mm"]).values["sigma_z_mm"]
+        assert grid[k] == pytest.approx(own, rel=1e-12)
+        assert turned[:, k] == pytest.approx(own, rel=1e-12)
+    asked = ("sweep", "paper", "--set", "at=150..400 mm", "--points", "3", "--quantity", "sigma_z_mm")
+    assert run(capsys, *asked, "-o", tmp_path / "own.csv")[0] == 0
+    assert (tmp_path / "own.csv").read_text().startswith("at,sigma_z_mm,")
+    code, _, err = run(capsys, *asked, "--at", "20 mm", "-o", tmp_path / "twice.csv")
+    assert (code, "given and swept; drop one of them" in err) == (2, True)
+
+
 def test_a_sweep_says_which_length_follows(tmp_path, capsys):
     """As in Design.replace: the array stays where f is swept, though the file gives the focal plane."""
     arguments = (
