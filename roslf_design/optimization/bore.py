@@ -145,7 +145,8 @@ def reduce_bore(design: Design, rims: Sequence[Stop]) -> EquivalentPupil:
         )
         raise InputError((Problem("bore", f"{words}; focus the base design farther out, or shorten the bore"),))
     camera = _behind(design, rims)
-    angle = float(camera.D_F) / (design.d_f - float(camera["aperture.distance"]))
+    pupil = _on_axis(design, rims)
+    angle = float(pupil.outline.width) / (design.d_f - pupil.distance)
     tried = [(float(rim.outline.width), rim.distance) for rim in rims]
     tried += [(angle * (design.d_f - z), z) for z in np.linspace(near, far, 9).tolist()]
     best = min((_judged(camera, *stop) for stop in tried), key=lambda pupil: pupil.cost)
@@ -154,14 +155,14 @@ def reduce_bore(design: Design, rims: Sequence[Stop]) -> EquivalentPupil:
     # The cost has kinks where another field becomes the worst: Nelder and Mead's simplex.
     low, high = np.array([0.3 * best.stop[0], near]), np.array([2.0 * best.stop[0], far])
 
-    def pupil(unit: Array) -> EquivalentPupil:
+    def stop(unit: Array) -> EquivalentPupil:
         return _judged(camera, *(low + unit * (high - low)).tolist())
 
     start = (np.array(best.stop) - low) / (high - low)
     unit, _ = derivative_free(
-        "LN_NELDERMEAD", lambda unit: pupil(unit).cost, start, xtol=1e-7, budget=SearchBudget().at_most(400)
+        "LN_NELDERMEAD", lambda unit: stop(unit).cost, start, xtol=1e-7, budget=SearchBudget().at_most(400)
     )
-    return min(best, pupil(unit), key=lambda each: each.cost)
+    return min(best, stop(unit), key=lambda each: each.cost)
 
 
 def judge_pupil(design: Design, rims: Sequence[Stop], diameter: float, distance: float) -> EquivalentPupil:
@@ -169,10 +170,15 @@ def judge_pupil(design: Design, rims: Sequence[Stop], diameter: float, distance:
     return _judged(_behind(design, rims), diameter, distance)
 
 
+def _on_axis(design: Design, rims: Sequence[Stop]) -> Stop:
+    """The bore's pupil on the axis: the rim with the smallest angle seen from the focal plane, wherever it stands."""
+    return min(rims, key=lambda rim: float(rim.outline.width) / (design.d_f - rim.distance))
+
+
 def _behind(design: Design, rims: Sequence[Stop]) -> Camera:
-    """The bore, its pupil on the axis for FAP: the rim with the smallest angle seen from the focal plane."""
+    """The bore, its pupil on the axis for FAP."""
     centred = {f"{part}.decentre": (0.0, 0.0) for part in ("main_lens", "aperture")}
-    pupil = min(rims, key=lambda rim: float(rim.outline.width) / (design.d_f - rim.distance))
+    pupil = _on_axis(design, rims)
     camera = Camera.of(design.replace({"stops": tuple(rims), **centred}))
     return camera.replace({"D_F": float(pupil.outline.width), "aperture.distance": pupil.distance})
 
