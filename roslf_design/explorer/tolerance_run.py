@@ -84,13 +84,15 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     if not request.calibrated:
         data["compensators"] = []
     plan, study, grades = tolerance_plan(data, design)
+    misses = [_label(label) for label in plan.nominal_misses()]
+    nominal = f"As drawn, before any tolerance, it misses {listed(misses)}, which no grade mends." if misses else ""
     few = min(trials, CURVE_TRIALS)
     # In builds: the run itself, the offenders (as long as one run of fewer), one run of fewer for each point.
     total = trials + few * (len(grades.names) + len(SCALES) - 1)
     done = 0
     tallies = []
     for index in range(plan.chunks):
-        tell(done / total, f"{done:,} of {trials:,} builds")
+        tell(done / total, f"{done:,} of {trials:,} builds{f'. {nominal}' * bool(nominal)}")
         tallies.append(tally_chunk(plan, index))
         done += plan.chunk_trials(index)
     variant = summarise(plan, merged(tallies))[-1]
@@ -118,7 +120,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     left_out = in_words(lengths_left_out(plan, built))
     missed = missed_words(required_of(design, built))
     missed = in_words(f"As built, uncalibrated, it misses its [required]: {missed}.") if missed else ""
-    told = (missed, depth_sentence(depth, plan), left_out, loose_words(plan), impossible_words(variant))
+    told = (nominal, missed, depth_sentence(depth, plan), left_out, loose_words(plan), impossible_words(variant))
     held = [USUAL_LIMITS] * (not request.only_own) + [_limit_words(limit) for limit in request.limits]
     held += ["what [required] asks for off the axis"] * bool(off_axis)
     return ToleranceResult(
@@ -156,12 +158,13 @@ def _limit_words(limit: MetricGoal) -> str:
 
 
 def _offenders(plan: TolerancePlan) -> Iterator[Offender]:
-    """Every tolerance by what it alone uses of the limits."""
+    """Every tolerance by what it alone uses of the limits that the nominal design holds: there is nothing of others."""
+    missed = plan.missed
     moves, kinds = sensitivity(plan), perturbable(plan.question.design)
     ends = np.stack([moves.twin_plus[-1], moves.twin_minus[-1]])
     for index, perturbation in enumerate(plan.draws.perturbations):
         used, worst = 0.0, ""
-        for limit in plan.limits:
+        for limit in (one for one in plan.limits if one not in missed):
             label = plan.columns[limit.column].label
             here = plan.judged(plan.nominal[[limit.column]], [limit.column])[0]
             for edge, sign in ((limit.high, 1.0), (limit.low, -1.0)):

@@ -483,11 +483,15 @@ class TolerancePlan:
         What is a thin-lens model's has its value, so that it is not taken for the one that rays tell.
         """
         missed, twins = [], self.of_thin_twins
-        for limit in self.limits:
+        for limit in self.missed:
             label, value = self.columns[limit.column].label, float(self.nominal[limit.column])
-            if not self._holds(limit, value):
-                missed.append(f"{label} ({number(value, 4)} of the thin-lens model)" if label in twins else label)
+            missed.append(f"{label} ({number(value, 4)} of the thin-lens model)" if label in twins else label)
         return tuple(dict.fromkeys(missed))
+
+    @property
+    def missed(self) -> tuple[_Limit, ...]:
+        """Limits that the nominal design does not hold."""
+        return tuple(one for one in self.limits if not self._holds(one, float(self.nominal[one.column])))
 
     def defined(self, origin: str = "") -> TolerancePlan:
         """The plan itself, which can be run.

@@ -1,5 +1,8 @@
 """Long runs from the page: what the forms ask for, progress, results, cancel, and nothing left behind."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -120,6 +123,22 @@ def test_what_a_design_requires_is_what_a_good_build_holds():
     result = run_tolerance(request)
     assert len(result.limits) == 2
     assert "object sample at 150 mm at most 0.2 mm" in result.question
+
+
+def test_a_limit_that_the_design_misses_as_drawn_is_said_while_builds_are_tried():
+    """Its offenders used no share of a room that is none: all were undefined, after a minute of builds."""
+    nominal = float(QUANTITIES["object_sample_mm"](Camera.of(PAPER)))
+    rows = (("object_sample_mm", "", f"{0.5 * nominal} mm"), ("total_length_mm", "", "400 mm"))
+    request = read_form(ToleranceRequest, PAPER, limited(*rows, trials=["64"], only_own=["on"]))
+    heard = []
+    result = run_tolerance(request, lambda share, text: heard.append(text))
+    words = "As drawn, before any tolerance, it misses object sample, which no grade mends."
+    assert heard[1] == f"0 of 64 builds. {words}"
+    assert words in result.question
+    assert result.share.value == 0
+    assert all(math.isfinite(one.used) for one in result.offenders)
+    assert {one.limited_by for one in result.offenders if one.used > 0} == {"length from tip to sensor"}
+    assert "As drawn" not in run_tolerance(replace(request, limits=request.limits[1:])).question
 
 
 def test_the_optimise_form_is_read():
