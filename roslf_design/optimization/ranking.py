@@ -12,12 +12,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._arrays import Array, by_value
+from ..camera import Camera
 from ..errors import InputError
 from ..progress import CountedProgress, silent
 from ..theory.quantity import FEASIBLE
-from .bounds import CORNERS, SLICES, Boxes, Refused, refused
+from .bounds import CORNERS, SLICES, Boxes, Refused, prunable, refused
 from .combinations import FULL_WELL, Combinations
 from .conflict import Conflict, explain
 from .problem import DesignProblem, promising_starts, sobol_units
@@ -33,6 +35,9 @@ MOST_BOXES = 200_000
 ROUNDS = 16
 TRIED_IN_VAIN = 2
 """Starts of traced searches after which a combination of which none holds the limits is left."""
+GLANCES, NEAREST, NEARLY = 64, 8, 0.1
+"""Points at which combinations are glanced at that no bounds put in an order, those of them whose goals are looked at,
+and what these may miss limits by: others between them miss them by less."""
 TIES = 1e-3
 """Merit within which quick searches do not decide: such combinations are searched again, thoroughly, in the end."""
 
@@ -139,6 +144,9 @@ class _Ranker:
         left = np.setdiff1d(np.arange(count), [number for limit in self.refused for number in limit.numbers])
         self.boxes = Boxes(combinations, left.astype(np.intp), np.zeros((len(left), n)), np.ones((len(left), n)))
         self.bound: Array = np.zeros(len(left))
+        self.promise = np.zeros(count)
+        if not all(prunable(combinations.problem, goal) for goal in combinations.problem.goals):
+            self.promise[left] = promise(combinations, left, seed)
 
     @property
     def threshold(self) -> float:
@@ -240,7 +248,7 @@ class _Ranker:
         """
         count = len(self.combinations)
         decided = count - self.left
-        promising = np.lexsort((self.boxes.owner, self.bound))
+        promising = np.lexsort((self.boxes.owner, self.promise[self.boxes.owner], self.bound))
         _, first = np.unique(self.boxes.owner[promising], return_index=True)
         for k, index in enumerate(promising[np.sort(first)][:AT_ONCE]):
             tell("catalogue: combinations decided", decided + k, count)
@@ -287,6 +295,34 @@ class _Ranker:
         self.best = sorted((one for one in polished if one.search.feasible), key=_order)[: self.keep]
         if polished and not self.best:
             self.nearest = min(polished, key=lambda one: one.search.violation)
+
+
+def promise(combinations: Combinations, numbers: NDArray[np.intp], seed: int) -> Array:
+    """Order in which combinations are looked at whose goals have no bounds: about their merit, of the thin-lens model.
+
+    Of each its best counts of those points, of some, that lie nearest to the limits which are closed forms; those that
+    hold them come first.
+    """
+    problem = replace(combinations.problem, thin=True)
+    closed = frozenset(k for k, limit in enumerate(problem.constraints) if not limit.quantity.numeric)
+    limited, units = problem.keeping(closed), sobol_units(problem.n, GLANCES, seed)
+    rows = [row for row in limited.rows if row.constraint >= 0]
+
+    def cameras(owner: NDArray[np.intp], at: Array) -> Camera:
+        return problem.base.replace({**combinations.values(owner), **problem.values(at)}, in_focus=problem.in_focus)
+
+    with np.errstate(all="ignore"):
+        each = cameras(np.repeat(numbers, GLANCES), np.tile(units, (len(numbers), 1)))
+        measured = [limit.measured(each) for limit in limited.constraints]
+        over = np.full((len(rows) + 1, len(numbers) * GLANCES), -BIG)
+        for k, row in enumerate(rows):
+            over[k] = row.of(measured[row.constraint])
+        over[-1] = np.where(each.valid, -BIG, BIG)
+        missed = np.nan_to_num(over, nan=BIG, posinf=BIG).max(axis=0).reshape(len(numbers), GLANCES)
+        few = np.abs(missed).argsort(axis=1, kind="stable")[:, :NEAREST]  # optima lie on limits
+        merit = problem.merit(cameras(np.repeat(numbers, NEAREST), units[few.ravel()]))
+        merit = np.nan_to_num(np.broadcast_to(merit, few.size), nan=BIG, posinf=BIG).reshape(few.shape)
+    return np.min(merit + BIG * np.maximum(np.take_along_axis(missed, few, axis=1) - NEARLY, 0.0), axis=1)
 
 
 def rank(

@@ -11,7 +11,7 @@ from roslf_design.catalogue import Catalogue, load_catalogue, read_condition, ro
 from roslf_design.errors import InputError
 from roslf_design.optimization.combinations import Combinations
 from roslf_design.optimization.front import pareto_front
-from roslf_design.optimization.ranking import rank
+from roslf_design.optimization.ranking import promise, rank
 from roslf_design.optimization.robust import RobustTable, maximise_robustness, scatter_of
 from roslf_design.optimization.search import QUICK, SearchBudget, search
 from tests.optimization.posing import PAPER, goal, limit, posed
@@ -279,6 +279,28 @@ def test_a_search_that_is_stopped_within_a_combination_searches_no_more(monkeypa
     assert part.conflict is None
     assert 1 <= after.count("stopped") <= 2  # the starts of the fourth, none of them a thorough search
     assert len(asked) == 4
+
+
+def test_combinations_without_bounds_are_looked_at_in_the_order_of_a_brute_force():
+    """Depth, expected, has no bounds over boxes: parts were searched in the order of the catalogue."""
+    paper = roslf.load("paper")
+    parts = load_catalogue().of("microlens_arrays")
+    goal_of, fill = goal("u_z_mm", "min"), limit("fill_factor", high=1.0)
+    problem = posed({"D_F": (0.5, 4.0), "d_2": (0.3, 3.0)}, (fill,), goal_of, design=paper)
+    catalogue = Catalogue(lenses=(), microlens_arrays=parts, sensors=(), windows=())
+    combinations = Combinations.of(problem, catalogue, ("microlens_arrays",))
+    numbers = np.arange(len(combinations))
+    order = promise(combinations, numbers, 0)
+    grid = np.stack(np.meshgrid(np.linspace(0, 1, 21), np.linspace(0, 1, 21)), -1).reshape(-1, 2)
+    least = []
+    for number in numbers.tolist():
+        cameras = combinations.problem_at(number).cameras(grid)
+        values, fills = (roslf.quantity(name)(cameras) for name in ("u_z_mm", "fill_factor"))
+        least.append(np.nanmin(np.where(fills <= 1.0, values, np.inf)))
+    least = np.array(least)
+    best = int(least.argmin())
+    assert least[int(order.argmin())] <= 1.2 * least[best]
+    assert np.corrcoef(np.argsort(np.argsort(order)), np.argsort(np.argsort(least)))[0, 1] > 0.9
 
 
 def test_what_is_known_of_some_sensors_counts_in_their_designs():
