@@ -22,6 +22,7 @@ from ..evaluation.specification import FieldImages, rays_tell
 from ..theory.field_of_view import focus_ahead
 from ..theory.quantities import DECODED, QUANTITIES
 from ..theory.quantity import Quantity
+from ..theory.tube import WALL
 from .ideal import IdealBuilds
 from .places import FOCUSING, LENSLETS, nominal_values, of_parts
 from .traced import AS_IF_THIN, TracedBuilds, as_built, real_lens_builds
@@ -286,8 +287,18 @@ def mount_of(design: Design) -> type[_IdealMount]:
 
 
 def design_built(design: Design, changes: Mapping[str, float]) -> Design:
-    """Design of one build with these numbers at its places."""
-    return mount_of(design).built(design, changes)
+    """Design of one build with these numbers at its places: of a rim that is the tube's own bore the wall moves."""
+    return mount_of(design).built(design, {**changes, **_wall_bored(design, changes)})
+
+
+def _wall_bored(design: Design, changes: Mapping[str, float]) -> dict[str, float]:
+    """Wall of a build whose own bore came out wider than the nominal tube leaves, at its place; nothing of others."""
+    tube, build = design.tube, design.unchecked(changes)
+    if tube is None:
+        return {}
+    bores = (rim for rim in build.all_stops if rim.bore)
+    wider = max((2 * float(rim.outline.reach) - tube.room(build.tip - rim.stands) for rim in bores), default=0.0)
+    return {WALL: tube.wall - wider / 2} if wider > 0 else {}
 
 
 def builds_of(

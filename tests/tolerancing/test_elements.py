@@ -12,7 +12,7 @@ from roslf_design.errors import InputError
 from roslf_design.evaluation.fields import evaluate_fields
 from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from roslf_design.theory.stop_images import MicrolensImages
-from roslf_design.tolerancing.metrics import Question, builds_of, evaluate_builds
+from roslf_design.tolerancing.metrics import Question, builds_of, design_built, evaluate_builds
 from roslf_design.tolerancing.places import display, expand, load_grades, nominal_values, perturbable, short_name
 from roslf_design.tolerancing.sensitivities import sensitivity
 from roslf_design.tolerancing.study import plan_from, tolerance_plan
@@ -193,6 +193,22 @@ def test_the_worst_of_a_study_loads_again(scope):
     alone = Question(scope, plan.question.metrics, plan.question.fields, plan.question.object_distance)
     values = {place: np.array([camera[place]]) for place in expand_all(scope)}
     assert_allclose(evaluate_builds(alone, values, 1)[:, 0], measured.variants[0, :, 0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("wide_end", [None, 18.0], ids=["straight", "cone"])
+def test_a_build_whose_own_bore_came_out_wide_is_a_design_file_with_a_thinner_wall(wide_end):
+    """At the cone's wide end, 60 mm behind its tip, the wall leaves 18 - 2 * 1 = 16 mm, else 10 mm."""
+    tube = {"outer_diameter": 12.0, "wall": 1.0, "length": 60.0} | ({"proximal_diameter": wide_end} if wide_end else {})
+    own = 10.0 if wide_end is None else 16.0
+    stops = [{"distance": 60.0, "diameter": own, "bore": True}]
+    design = roslf.load("paper").replace({"tube": tube, "stops": stops})
+    for wider in (-0.04, 0.0, 0.037315):
+        built = design_built(design, {"stops.0.diameter": own + wider, "stops.0.decentre.0": 0.1})
+        again = loads(dumps(built))
+        assert again.stops[0].diameter == own + wider
+        assert again.stops[0].bore
+        assert again.tube.outer_diameter == 12.0
+        assert again.tube.wall == pytest.approx(1.0 - max(wider, 0.0) / 2, abs=1e-12)
 
 
 def expand_all(design):
