@@ -30,9 +30,11 @@ from ..errors import InputError, Problem, path_of, refusal
 from ..evaluation import default_fields
 from ..evaluation.required import load_beside
 from ..progress import CountedProgress, shares, silent
+from ..theory.depth_budget import BUILT, CALIBRATED, COVERAGE, depth_budget
 from ..theory.focused import has_views
 from ..theory.length_covariance import LengthCovariance
 from ..theory.limits import as_design
+from ..tolerancing.places import CALIBRATION
 from ..tolerancing.result import StudyResult, analyse
 from ..tolerancing.run import run_trials
 from ..tolerancing.study import TolerancePlan, tolerance_plan
@@ -407,14 +409,54 @@ def _walked(
             outcome, design = result, taken
         elif part.kind == "tolerance":
             tell = _prefixed(progress, f"{where}, tolerances")
+            data = _as_calibrated(story, index, design, file, seed, at)
             outcome = tolerances(data, design, file.parent, str(file), tell, seed)
         elif part.calibration is not None:
             progress(f"{where}, calibration plan")
-            changed = {"at": tuple(dict.fromkeys((*part.calibration.at, *at)))}
-            outcome = part.calibration.model_copy(update=changed | ({} if seed is None else {"seed": seed}))
+            outcome = _captures(part.calibration, seed, at)
         else:
             outcome = story.calibrations[index]
         yield _Walked(outcome, before, design, str(data.get("name", "")), part.take)
+
+
+def _captures(asked: PlanOptions, seed: int | None, at: Sequence[float]) -> PlanOptions:
+    """Captures of a story's plan, at distances that are told of as well."""
+    changed = {"at": tuple(dict.fromkeys((*asked.at, *at)))}
+    return asked.model_copy(update=changed | ({} if seed is None else {"seed": seed}))
+
+
+def _as_calibrated(
+    story: _Story, index: int, design: Design, file: Path, seed: int | None, at: Sequence[float]
+) -> Mapping[str, Any]:
+    """A part's tolerance study, with the depth error that the calibration after it leaves, where the file states none.
+
+    Lengths as the study builds them are known before.
+    """
+    data, later = story.studies[index], story.table.parts[index + 1 :]
+    plan = tolerance_plan(data, design, file.parent, str(file))[0]
+    after = next((part for part in later if part.tolerance is None), None)
+    asked = CALIBRATION in plan.perfect and any(column.metric == "depth_error_mm" for column in plan.columns)
+    if not asked or after is None or after.optimize is not None:
+        return data
+    if after.calibration is not None:
+        lengths = planned_lengths(design, _captures(after.calibration, seed, at))
+    else:
+        known = _known_if_told(story.folder / (after.calibrated or ""), design)
+        lengths = None if known is None else known.lengths
+    if lengths is None:
+        return data
+    camera = Camera.of(design)
+    ahead = plan.question.object_distance - float(camera.tip)
+    terms = depth_budget(camera, ahead, build=lengths_built(plan), calibration=lengths).terms
+    off = COVERAGE * math.hypot(*(float(one.u_mm or 0.0) for one in terms if one.name in (CALIBRATED, BUILT)))
+    if not math.isfinite(off):
+        return data
+    lines = [
+        {**line, "error": f"{off:.3g} mm"} if line["place"] in (CALIBRATION, [CALIBRATION]) else line
+        for line in data["compensators"]
+    ]
+    said = f"The calibration {'as planned' if lengths.planned else 'made'} leaves depth off by {off:.3g} mm (U, k = 2)."
+    return {**data, "compensators": lines, "question": f"{data.get('question', '')} {said}".strip()}
 
 
 def calibration_of(asked: str | Path | None, seed: int | None, at: tuple[float, ...]) -> Path | PlanOptions | None:

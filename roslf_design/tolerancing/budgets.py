@@ -19,8 +19,18 @@ import numpy as np
 from .._arrays import Array
 from ..progress import UNHEARD, Share, part_of
 from .draws import Draws
-from .places import Aim, GradeLine, Grades, expand, focus_fault, nominal_values, parse_tolerance, perturbable
-from .study import CALIBRATION, Adjuster, Study, TolerancePlan, focused_twice
+from .places import (
+    CALIBRATION,
+    Aim,
+    GradeLine,
+    Grades,
+    expand,
+    focus_fault,
+    nominal_values,
+    parse_tolerance,
+    perturbable,
+)
+from .study import Adjuster, Study, TolerancePlan, focused_twice
 from .trials import BLOCK, focus_travel, holding, measure_finally
 from .yields import (
     DEAR,

@@ -24,7 +24,7 @@ from ..theory.quantities import DECODED, QUANTITIES
 from ..theory.quantity import Quantity
 from ..theory.tube import WALL
 from .ideal import IdealBuilds
-from .places import FOCUSING, LENSLETS, nominal_values, of_parts
+from .places import CALIBRATION, FOCUSING, LEFT, LENSLETS, nominal_values, of_parts
 from .traced import AS_IF_THIN, TracedBuilds, as_built, real_lens_builds
 
 METRICS = {
@@ -121,7 +121,8 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
     trials : int
         How many builds.
     calibrated : bool
-        Whether the decoder was calibrated on each build, else it believes in the nominal design.
+        Whether the decoder was calibrated on each build, else it believes in the nominal design. Depth is then off by
+        what the calibration leaves, if that is among the numbers.
 
     Returns
     -------
@@ -147,6 +148,8 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
             results[row : row + rows] = (
                 of_cameras(question.design, metric, builds.camera) if metric.local is None else metric.local(builds)
             )
+            if metric.name == "depth_error_mm" and calibrated:
+                results[row : row + rows] += values.get(LEFT + CALIBRATION, 0.0)
             row += rows
         for column in question.distant:
             results[row] = of_cameras(question.design, column.quantity, builds.camera, column.at)

@@ -44,6 +44,10 @@ SHORT = {"relay": "sensor.relay_magnification", "rotation": "microlens_array.rot
 LENS = "main_lens."
 """Prefix of places in a real main lens."""
 FOCAL_LENGTH = "main_lens.focal_length"
+CALIBRATION = "calibration"
+"""Name of the compensator that teaches the decoder each build instead of moving a part."""
+LEFT = "compensators."
+"""Prefix of places of what compensators leave: how far a part is set amiss, or depth of a calibrated decoder is off."""
 LENSLETS, SAG = "microlens_array.lenslets.", "microlens_array.sag"
 """Prefix of places of single microlenses, those at a study's fields, and the place of their sag."""
 MOST_LENSLETS = 9
@@ -81,7 +85,8 @@ def perturbable(design: Design) -> dict[str, str]:
     kinds |= dict.fromkeys([*lenslets, *([SAG] if _lenslet_sag(design) else [])], "length")
     lens = design.main_lens.kind
     kinds = {place: kind for place, kind in kinds.items() if place not in lens.follows}
-    return kinds | {LENS + place: kind for place, kind in lens.places.items()}
+    kinds |= {LENS + place: kind for place, kind in lens.places.items()}
+    return kinds | {LEFT + place: kind for place, kind in (*kinds.items(), (CALIBRATION, "length"))}
 
 
 def _kind(place: str) -> str:
@@ -111,8 +116,8 @@ def _lenslet_sag(design: Design) -> float:
 
 
 def of_parts(design: Design, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Builds' numbers as parts have them: a sag told as focal length, microlenses' own places left out."""
-    parts = {place: value for place, value in values.items() if not place.startswith(LENSLETS) and place != SAG}
+    """Numbers of builds as parts have them: a sag told as focal length; of microlenses and compensators none."""
+    parts = {p: value for p, value in values.items() if not p.startswith((LENSLETS, LEFT)) and p != SAG}
     if SAG in values:
         parts[PATHS["f_ml"]] = parts.get(PATHS["f_ml"], design.f_ml) * (_lenslet_sag(design) / values[SAG])
     return parts
@@ -153,7 +158,7 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
     name = PATHS.get(name, SHORT.get(name, name))
     if name == BEHIND and design.aperture.behind is not None:  # it counts in the other direction, and misses alike
         name = PATHS["d_3"]
-    known = perturbable(design)
+    known = [place for place in perturbable(design) if not place.startswith(LEFT)]
     places = _matching(known, name)
     if name.endswith(f".{DIAMETER}") and not in_lens(name):  # a rectangle is made as wide as it is by its sides
         places += _matching(known, f"{name.removesuffix(DIAMETER)}sides")
@@ -208,6 +213,9 @@ def short_name(place: str, design: Design | None = None) -> str:
     Without the design stops and elements before the main lens go by their number alone.
     """
     symbols = {path: symbol for symbol, path in PATHS.items() if symbol not in ("q", "wavelength")}
+    if place.startswith(LEFT):
+        set_amiss = place.removeprefix(LEFT)
+        return "depth as calibrated" if set_amiss == CALIBRATION else f"{short_name(set_amiss, design)} as set"
     if place in symbols:
         return symbols[place]
     part, _, rest = place.partition(".")

@@ -35,7 +35,7 @@ from ..words import clauses, listed, number, uncertainty
 from .budgets import ToleranceBudget, budget, searched_builds
 from .draws import Perturbation
 from .metrics import SHAPES, Column, mount_of, of_cameras
-from .places import Grades, display, in_lens, of_parts, perturbable
+from .places import CALIBRATION, Grades, display, in_lens, of_parts, perturbable
 from .sensitivities import (
     LOOSEST,
     TOGETHER,
@@ -50,7 +50,7 @@ from .sensitivities import (
     sensitivity,
     sobol_indices,
 )
-from .study import CALIBRATION, MOST_TRIALS, SAME_PLACE, Adjuster, Study, TolerancePlan, make_plan
+from .study import MOST_TRIALS, SAME_PLACE, Adjuster, Study, TolerancePlan, make_plan
 from .summaries import LimitYield, Variant, correlations, summarise
 from .tally import Tally
 from .traced import notes

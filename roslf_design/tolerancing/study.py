@@ -55,6 +55,8 @@ from .draws import Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
 from .metrics import DISTANT, METRICS, SHAPES, Column, Question, evaluate_builds, faults_of, mount_of, share_by_rays
 from .places import (
+    CALIBRATION,
+    LEFT,
     LENSLETS,
     SHIPPED,
     Aim,
@@ -68,8 +70,6 @@ from .places import (
 
 Only = Literal["yield"]
 """Analyses of a study that are asked for alone."""
-CALIBRATION = "calibration"
-"""Name of the compensator that teaches the decoder each build instead of moving a part."""
 OWN = "this study"
 """Source of a tolerance that is no grade's."""
 MOST_TRIALS = 10**10
@@ -105,7 +105,7 @@ def _listed(value: Any) -> Any:
     return (value,) if isinstance(value, str) else value
 
 
-def _widths(text: str | float | None, places: tuple[str, ...], design: Design | None) -> dict[str, float]:
+def _widths(text: str | float | None, places: Iterable[str], design: Design | None) -> dict[str, float]:
     """A tolerance at each of some places, read; nothing without a text or a design."""
     if text is None or design is None:
         return {}
@@ -226,6 +226,9 @@ class Compensate(StrictTable):
     of the tip as designed, at the design's own temperature, medium and light."""
     range: str | float | None = None
     """How far it can be moved either way; without limit where left out."""
+    error: str | float | None = None
+    """Error that it leaves, as a tolerance with the study's distribution: by how much the part is set amiss either way,
+    or depth of a calibrated decoder is off; nothing where left out, and pages say so."""
 
     @field_validator("aim")
     @classmethod
@@ -239,6 +242,12 @@ class Compensate(StrictTable):
     def _readable(cls, reach: str | float | None, info: ValidationInfo) -> str | float | None:
         _widths(reach, info.data.get("place", ()), _design(info))
         return reach
+
+    @field_validator("error")
+    @classmethod
+    def _stated(cls, error: str | float | None, info: ValidationInfo) -> str | float | None:
+        _widths(error, [LEFT + place for place in info.data.get("place", ())], _design(info))
+        return error
 
 
 class Study(StrictTable):
@@ -400,6 +409,13 @@ class TolerancePlan:
     def adjusters_to_limits(self) -> tuple[Adjuster, ...]:
         """Adjusters that are moved to where the limits hold best."""
         return tuple(adjuster for adjuster in self.adjusters if adjuster.aim == "limits")
+
+    @property
+    def perfect(self) -> tuple[str, ...]:
+        """Places of compensators of which nobody says what they leave, so that they leave nothing."""
+        every = [one.place for one in self.adjusters] + [CALIBRATION] * self.calibrated
+        stated = {p.place for p in self.draws.perturbations}
+        return tuple(place for place in every if LEFT + place not in stated)
 
     def at_end(self, moved: Array) -> NDArray[np.bool_]:
         """True where an adjustment, shape (adjusters, trials), rests at the end of its range."""
@@ -805,6 +821,9 @@ def _perturbations(
                 group=_tied(line.group, place),
                 opposed=line.opposed,
             )
+    for line in study.compensators:
+        for place, width in _widths(line.error, [LEFT + place for place in line.place], design).items():
+            result[place] = missed(place, 0.0, width, source=OWN)
     if (warm := result.get(TEMPERATURE)) is not None and (growth := Growth.of(design)) is not None:
         ends = np.array([warm.nominal - warm.tolerance, warm.nominal + warm.tolerance])
         lines = (f"perturb.{k}.tolerance" for k, line in enumerate(study.perturb) if TEMPERATURE in line.place)

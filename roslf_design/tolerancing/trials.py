@@ -18,7 +18,7 @@ from ..theory.length_covariance import LengthCovariance
 from ..theory.quantities import DECODED
 from .ideal import IdealBuilds
 from .metrics import Question, builds_of, design_built, evaluate_builds, faults_of, focus_moves
-from .places import nominal_values, of_parts, perturbable
+from .places import LEFT, nominal_values, of_parts, perturbable
 from .study import Adjuster, TolerancePlan
 
 BLOCK = 8192
@@ -281,7 +281,8 @@ class Compensator:
         slopes = slopes[self.columns] * self.weights
         slopes = np.where(np.isfinite(slopes), slopes, 0.0)
         count = len(perturbations)
-        tolerances = np.array([p.tolerance for p in perturbations])
+        # What a compensator leaves is undone by none.
+        tolerances = np.array([0.0 if p.place.startswith(LEFT) else p.tolerance for p in perturbations])
         undone: Array = -np.linalg.pinv(slopes[:, count:], rcond=1e-8) @ (slopes[:, :count] * tolerances)
         return undone
 
@@ -309,7 +310,8 @@ class Compensator:
     def _moved(self, values: Mapping[str, Array], moves: Iterable[tuple[Adjuster, Array]]) -> dict[str, Array]:
         result = dict(values)
         for adjuster, row in moves:
-            result[adjuster.place] = result.get(adjuster.place, self.nominal[adjuster.place]) + row
+            there = result.get(adjuster.place, self.nominal[adjuster.place]) + row
+            result[adjuster.place] = there + values.get(LEFT + adjuster.place, 0.0)
         return result
 
     def _focus(self, values: Mapping[str, Array], trials: int) -> Array:
@@ -352,6 +354,10 @@ class Compensator:
         blind, as it is to the length of a vector about zero.
         """
         moved = self.linear(deviations)
+        known = {place: numbers for place, numbers in values.items() if not place.startswith(LEFT)}
+        if self.searched and len(known) < len(values):  # nobody searches by what is left in the end
+            moves, *_ = self.adjusted(known, deviations, settled)
+            return moves, self.measured(values, moved), self.measured(values, moves)
         columns = start = self.measured(values, moved)
         if not self.searched:
             return self.all_moves(values, moved), start, columns

@@ -1,16 +1,19 @@
 """Stories and studies as reports: parts hand their designs on, errors come in one line, nothing is half-written."""
 
+import math
 import re
 import tomllib
 
 import pytest
 
+from roslf_design.calibration.options import planned_lengths
 from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.commands import report as command
 from roslf_design.design import load, save
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
+from roslf_design.progress import silent
 from roslf_design.reporting import story
 from roslf_design.reporting.blocks import Bullets, Code, Report, Statements, Table
 from roslf_design.reporting.optimise.pages import optimization_finding
@@ -24,8 +27,10 @@ from roslf_design.reporting.story import (
     story_report,
     study_report,
 )
+from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.study import tolerance_plan
+from roslf_design.tolerancing.trials import lengths_built
 from tests.optimization.posing import PAPER
 from tests.reporting import made
 
@@ -306,6 +311,29 @@ def test_a_required_depth_is_that_of_the_camera_calibrated_as_planned(without_fi
     assert evaluate(asked).answer.at[0].cells[:3] == (ahead, by_distance.rows[0][1], u)
     assert float(lead[1].split()[0]) == pytest.approx(evaluate(asked).answer.at[0].expanded_mm, rel=1e-3)
     assert evaluate(asked).verdicts[0].text.startswith("met as drawn: ")
+
+
+def test_the_yield_of_a_story_counts_what_its_calibration_leaves(folder):
+    """Decoded depth scatters by the plan's own term of the budget, a normal cut off at two sigmas: 0.8796 of it."""
+    goal = TOLERANCE.replace('metric = "fill_factor"\nmin = 0.95\nmax = 1.05', 'metric = "depth_error_mm"\nmax = 1')
+    goal = goal.replace('"sensor.distance"]', '"main_lens.focal_length"]').replace("20 um", "0.1 mm")
+    calibrated = f'{goal}[[compensators]]\nplace = "calibration"\n'
+    (folder / "tolerance.toml").write_text(calibrated.replace("seed = 5", 'seed = 5\nfields = ["centre"]'))
+    (folder / "story.toml").write_text(STORY.replace('[[parts]]\noptimize = "optimize.toml"\n', ""))
+    _, read = load_story_or_study(folder / "story.toml")
+    built, planned = story._walked(read, None, silent, (), story._builds_alone)
+    plan = built.outcome.plan
+    lengths = planned_lengths(planned.design, planned.outcome)
+    budget = depth_budget(Camera.of(planned.design), build=lengths_built(plan), calibration=lengths)
+    u = math.hypot(*(term.u_mm for term in budget.terms if term.name.startswith("lengths as")))
+    (column,) = built.outcome.final.distributions
+    assert column.deviation == pytest.approx(0.8796 * u, rel=0.06)
+    assert plan.perfect == ()
+    stated = calibrated.replace('"calibration"\n', '"calibration"\nerror = "1 um"\n')  # counts as it stands
+    (folder / "tolerance.toml").write_text(stated)
+    _, read = load_story_or_study(folder / "story.toml")
+    built, _ = story._walked(read, None, silent, (), story._builds_alone)
+    assert max(column.deviation for column in built.outcome.final.distributions) < 1e-3
 
 
 def test_the_first_look_holds_builds_to_the_nominal():

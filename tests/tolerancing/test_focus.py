@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from roslf_design.design import load
 from roslf_design.errors import InputError
-from roslf_design.reporting.tolerance.pages import _travel_words, remedies, tables
+from roslf_design.reporting.tolerance.pages import _travel_words, headline, remedies, set_words, tables
 from roslf_design.tolerancing.budgets import _adjusted, _Builds, search_trials, searched_builds
 from roslf_design.tolerancing.places import load_grades, nominal_values
 from roslf_design.tolerancing.result import analyse
@@ -381,3 +381,88 @@ def test_a_plan_that_focuses_has_two_variants():
         }
     )
     assert plan.variants == ("as built", "focused")
+
+
+def test_what_a_compensator_leaves_is_on_top_of_where_it_sets_each_build():
+    """d_1 where a thin lens in air has the plane in focus, plus a draw of its own: as built and travel know nothing."""
+    perturb = [{"place": "f", "tolerance": "1 %"}]
+    line = {**FOCUS, "error": "0.05 mm"}
+    plan, *_ = study(load("paper"), perturb=perturb, compensators=[line])
+    assert plan.perfect == ()
+    f, left = np.array([[-1.0, 0.0, 1.0, 0.5], [0.0, 1.0, -1.0, -0.4]])
+    found = measure(plan, np.stack([f, left]))
+    focal = 100 * (1 + 0.01 * f)
+    sharp = focal * 350 / (350 - focal)
+    assert found.moved[0] == pytest.approx(sharp - 140, abs=1e-9)
+    d_1 = sharp + 0.05 * left
+    assert found.variants[1, 0] == pytest.approx(1 / (1 / focal - 1 / d_1) - 120, rel=1e-9)
+    assert found.variants[0, 0] == pytest.approx(1 / (1 / focal - 1 / 140) - 120, rel=1e-9)
+    design, _ = one_trial(plan, 5)
+    values = plan.draws.values(plan.draws.deviations(plan.draws.uniforms(0, plan.chunk, 5, 6)))
+    (focal,), (left,) = values["main_lens.focal_length"], values["compensators.microlens_array.distance"]
+    assert design.d_1 == pytest.approx(focal * 350 / (350 - focal) + left, rel=1e-12)
+
+
+def test_lengths_as_built_scatter_by_what_focusing_leaves():
+    """A normal cut off at two sigmas, by its own integral."""
+    exact = {"perturb": [{"place": "f", "tolerance": "0 %"}]}
+    plan, *_ = study(load("paper"), **exact, compensators=[{**FOCUS, "error": "0.05 mm"}])
+    built = lengths_built(plan)
+    x = np.linspace(-2, 2, 200_001)
+    density = np.exp(-(x**2) / 2)
+    sigma = 0.025 * np.sqrt((density * x**2).sum() / density.sum())
+    row = built.places.index(D_1)
+    assert np.sqrt(built.matrix[row, row]) == pytest.approx(sigma, rel=1e-4)
+
+
+def test_no_search_knows_what_it_will_leave():
+    """With the sensor set to limits and then missing by its own error, images are off by just that: Eq. 7."""
+    goals = [{"metric": "fill_factor", "min": 0.99, "max": 1.02, "fields": [0]}]
+    line = {"place": "sensor.distance", "range": "0.1 mm", "error": "10 um"}
+    plan, *_ = study(load("paper"), goals, perturb=[{"place": "D_F", "tolerance": "1 %"}], compensators=[line])
+    deviations = np.array([[0.3, -0.5, 0.8, 0.0], [1.0, -1.0, 0.5, 1.0]])
+    found = measure(plan, deviations, settled=0.0)
+    free, *_ = study(
+        load("paper"), goals, perturb=[{"place": "D_F", "tolerance": "1 %"}], compensators=[{**line, "error": None}]
+    )
+    alone = measure(free, deviations[:1], settled=0.0)
+    assert found.moved == pytest.approx(alone.moved, abs=1e-12)
+    d_f, d_1, d_3, f = 350, 140, 120, 100
+    d_2 = 2 + found.moved[0] + 0.01 * deviations[1]
+    wide = 2.9 * (1 + 0.01 * deviations[0]) * (d_f / (d_f - d_3)) * d_2 / d_1
+    pitch = 0.063 * (1 + d_2 * (d_3 - f) / (d_1 * (d_3 - f) - f * d_3))
+    assert found.variants[-1, 0] == pytest.approx(wide / pitch, rel=1e-9)
+
+
+def test_a_calibration_leaves_depth_off_by_what_its_line_states():
+    goals = [{"metric": "depth_error_mm", "min": -0.3, "max": 0.3, "fields": [0]}]
+    line = {"place": "calibration", "error": "0.5 mm"}
+    perturb = [{"place": "f", "tolerance": "0.5 %"}]
+    even = {"distribution": "uniform", "trials": 4096, "sampling": "sobol"}
+    plan, *rest = study(load("paper"), goals, perturb=perturb, compensators=[line], **even)
+    found = measure(plan, np.array([[0.7, 0.7], [0.4, -1.0]]))
+    built, calibrated = found.variants[:, 0]
+    assert built[0] == built[1] != 0
+    assert calibrated == pytest.approx([0.2, -0.5], abs=1e-6)  # three targets on the axis tell all else
+    tally = tally_chunk(plan, 0)
+    assert tally.passed[-1] == pytest.approx(0.6 * 4096, abs=3)  # evenly within 0.5 mm
+    stated = analyse(plan, *rest, tally)
+    assert "left no error" not in headline(stated)
+    assert any("depth as calibrated" in row for table in tables(stated) for row in table.rows)
+    perfect, *rest = study(load("paper"), goals, perturb=perturb, compensators=[{"place": "calibration"}])
+    assert "as if calibration left no error of depth" in headline(analyse(perfect, *rest, tally_chunk(perfect, 0)))
+
+
+@pytest.mark.parametrize("error", ["1 %", "2", "-1 um", "10 mrad"])
+def test_an_error_that_a_compensator_cannot_leave_is_told(error):
+    with pytest.raises(InputError) as caught:
+        study(load("paper"), grade="high", compensators=[{**FOCUS, "error": error}])
+    assert [problem.key for problem in caught.value.problems] == ["compensators.0.error"]
+
+
+def test_parts_set_without_error_are_told_beside_the_depth_that_rests_on_it():
+    plan, *_ = study(load("paper"), grade="high", compensators=[FOCUS, {"place": "calibration"}])
+    assert plan.perfect == (D_1, "calibration")
+    assert set_words(plan).startswith(", d_1 set without error")
+    plan, *_ = study(load("paper"), grade="high", compensators=[{**FOCUS, "error": "10 um"}])
+    assert set_words(plan) == ""

@@ -65,7 +65,7 @@ from ..design.figures import depth_figure, dimensions_sheet, glance
 from ..design.parts_list import named_parts
 from ..design.rays import dimensions
 from ..lens_words import lens_words
-from ..tolerance.pages import impossible_words, interval_words, limits_words
+from ..tolerance.pages import impossible_words, interval_words, limits_words, set_words
 from .resolution import mtf_curves, resolution_map
 
 if TYPE_CHECKING:
@@ -268,6 +268,8 @@ class SpreadSources(NamedTuple):
     """Lengths as a calibration that is planned will know them, for required depths and the depths by lengths."""
     target: float | None = None
     """Target yield of the tolerance study, where there is one."""
+    set_words: str = ""
+    """Words on parts that builds are set by as if perfectly, after a comma."""
 
     @property
     def design(self) -> Design:
@@ -679,7 +681,8 @@ def basis(
             calibrated[key] = sigma[key]
     told = (sheet, shown, rows, own, lengths, tuple(at), judged, looked)
     target = None if built is None else built.target
-    return SpreadSources(tuple(sentences), sigma, calibrated, *told, target=target)
+    perfect = "" if built is None else set_words(built.plan)
+    return SpreadSources(tuple(sentences), sigma, calibrated, *told, target=target, set_words=perfect)
 
 
 def _value(line: _SheetLine) -> str:
@@ -725,7 +728,7 @@ def _depths_by_lengths(grounds: SpreadSources) -> Iterator[tuple[str, DepthBudge
         (
             "as built to default tolerances" if looked else "as built",
             None if before is None else depth_budget(camera, build=before),
-            "quote it of cameras that nobody calibrates"
+            f"quote it of cameras that nobody calibrates{grounds.set_words}"
             + "; by tolerances of a grade, not yours, which a tolerance study's sheet has" * looked,
             "not known here: `roslf datasheet` of a tolerance study has it",
         ),

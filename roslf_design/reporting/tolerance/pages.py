@@ -30,7 +30,7 @@ from ...tolerancing.budgets import Change, ToleranceBudget
 from ...tolerancing.clearances import Missed, tight_clearances
 from ...tolerancing.draws import Perturbation
 from ...tolerancing.metrics import DISTANT, METRICS
-from ...tolerancing.places import display, perturbable, short_name
+from ...tolerancing.places import CALIBRATION, display, perturbable, short_name
 from ...tolerancing.result import (
     KNOWN_LENGTHS,
     AdjusterUse,
@@ -43,7 +43,7 @@ from ...tolerancing.result import (
     reach_of,
     share_that_meets,
 )
-from ...tolerancing.study import CALIBRATION, OWN, TolerancePlan
+from ...tolerancing.study import OWN, TolerancePlan
 from ...tolerancing.summaries import ColumnSummary, Variant, correlations, summarise
 from ...tolerancing.tally import Tally
 from ...tolerancing.traced import fates
@@ -177,8 +177,13 @@ def tolerance_finding(result: StudyResult, *, first_look: bool = False) -> Findi
 def headline(result: StudyResult, judged: bool = True) -> str:
     """Yield of everything required, with its interval and its builds; `judged`: its outcome and target, too."""
     all_of_it, own = result.together, result.final.result
-    adjusted = "" if len(result.variants) == 1 else f" ({100 * result.variants[0].result.value:.2f} % as built)"
-    of = f"{all_of_it.trials:,} Monte Carlo units (builds), seed {result.plan.draws.seed}"
+    plan = result.plan
+    adjusted = "" if len(result.variants) == 1 else f" ({100 * result.variants[0].result.value:.2f} % as built"
+    limited = any(plan.columns[limit.column].metric == "depth_error_mm" for limit in plan.limits)
+    if limited and CALIBRATION in plan.perfect:
+        adjusted += "; as if calibration left no error of depth: its `error` states what it leaves"
+    adjusted += ")" * bool(adjusted)
+    of = f"{all_of_it.trials:,} Monte Carlo units (builds), seed {plan.draws.seed}"
     if result.uncounted:
         alone = f"{100 * own.value:.2f} %{adjusted} of {own.trials:,}"
         of, adjusted = f"the first {of}, by everything required; by the study's own limits {alone}", ""
@@ -221,13 +226,21 @@ def depth_sentence(budget: DepthBudget | None, plan: TolerancePlan) -> str:
     design = plan.question.design
     where = f"in the focal plane, {number(_focus(design))} mm ahead"
     text = (
-        f"Depth, expected, uncalibrated: {budget.words}, {where}. Believe it until a camera is calibrated, then that "
-        "of its calibration (`roslf calibrate --plan`)."
+        f"Depth, expected, uncalibrated: {budget.words}, {where}{set_words(plan)}. Believe it until a camera is "
+        "calibrated, then that of its calibration (`roslf calibrate --plan`)."
     )
     if not (searched := plan.adjusters_to_limits):
         return text
     adjusted = words.listed([short_name(adjuster.place, design) for adjuster in searched])
     return f"{text} The study adjusts {adjusted} to its limits{', not to the focus' * (searched == plan.adjusters)}."
+
+
+def set_words(plan: TolerancePlan) -> str:
+    """Words on parts that a plan sets on each build as if perfectly, after a comma; empty where there are none."""
+    perfect = [short_name(place, plan.question.design) for place in plan.perfect if place != CALIBRATION]
+    if not perfect:
+        return ""
+    return f", {words.listed(perfect)} set without error (`error` of a compensator states what it leaves)"
 
 
 def _travel_words(result: StudyResult, use: AdjusterUse) -> str:
