@@ -821,8 +821,9 @@ def _perturbations(
                 group=_tied(line.group, place),
                 opposed=line.opposed,
             )
-    for line in study.compensators:
-        for place, width in _widths(line.error, [LEFT + place for place in line.place], design).items():
+    for compensator in study.compensators:
+        left = [LEFT + place for place in compensator.place]
+        for place, width in _widths(compensator.error, left, design).items():
             result[place] = missed(place, 0.0, width, source=OWN)
     if (warm := result.get(TEMPERATURE)) is not None and (growth := Growth.of(design)) is not None:
         ends = np.array([warm.nominal - warm.tolerance, warm.nominal + warm.tolerance])

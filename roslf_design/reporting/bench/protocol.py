@@ -63,13 +63,22 @@ def _steps(protocol: Protocol) -> Table:
     design, setup, (low, high) = protocol.design, protocol.setup, protocol.counts
     camera = Camera.of(design)
     level = f"brightest {low} to {high} of {protocol.full} DN"
-    right, instead = [], ""
+    right, more = [], []
     for at in setup.wall.at:
         alone = float(depth_budget(camera, at, calibration=protocol.lengths).expanded_mm)
         required = required_depth(design, at)
-        right.append(f"{alone if required is None else required:.2g} mm at {at:g} mm")
-        if required is not None:
-            instead += f"; as required at {at:g} mm, not the {alone:.2g} mm that they calibrate to"
+        held = ("as these boards alone calibrate", alone) if required is None else ("as required", required)
+        right.append(f"{held[1]:.2g} mm at {at:g} mm, {held[0]}")
+        if required is not None and alone > required:
+            more.append(f"{alone:.2g} mm at {at:g} mm")
+    beyond = (
+        ""
+        if not more
+        else (
+            " What is required holds: by captures alone, of a camera whose tolerances nobody knows, the boards promise "
+            f"{listed(more)}; what they do where a study's are known, `roslf calibrate --plan` STUDY tells."
+        )
+    )
     begin = f"begin at {1e3 * float(exposure(camera)):.3g} ms, the design's"
     rows = [
         ("Warm up", "Lamp and camera on for 30 min. Set focus and stop, lock both: untouched from here on.", ""),
@@ -87,8 +96,8 @@ def _steps(protocol: Protocol) -> Table:
         ("Check", "roslf bench check, after every few boards: what is wrong, what to take next.", "check.html"),
         (
             "Flat wall",
-            f"Square to the axis; its depth is to be right to {listed(right)}"
-            f" (U, k = 2, as these boards alone calibrate{instead}).{_without_wall(protocol)}",
+            f"Square to the axis; its depth is to be right, U with k = 2, to {'; to '.join(right)}."
+            f"{beyond}{_without_wall(protocol)}",
             _names("wall", setup.wall.at),
         ),
         ("Edge", "In the middle of the field, square to the axis.", _names("edge", setup.edge.at)),
