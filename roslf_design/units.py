@@ -102,7 +102,8 @@ _BASE = {
     "temperature": "degC",
     "temperature difference": "K",
 }
-_LACKING = _BASE | {"angle": "deg"}
+LACKING = _BASE | {"angle": "deg"}
+"""Unit that a remedy names for a number without one, by its dimension."""
 """Units that messages offer for a number without one."""
 # Possessive, or a text of thousand digits that is no quantity takes ten seconds to refuse.
 _NUMBER = re.compile(r"\s*([+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?)\s*(\S*)\s*")
@@ -127,7 +128,7 @@ def parse_quantity(text: object, dimension: str, *, unit_required: bool = True, 
     ValueError
         Says what is wrong and what to write instead.
     """
-    example, lacking = _EXAMPLE[dimension], unit or _LACKING[dimension]
+    example, lacking = _EXAMPLE[dimension], unit or LACKING[dimension]
     if isinstance(text, bool) or not isinstance(text, (str, Real)):  # a numpy float32 is a number, too
         raise ValueError(f'expected a {dimension} such as "{example}", got {text!r}')
     if not isinstance(text, str):

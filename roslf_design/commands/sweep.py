@@ -23,7 +23,7 @@ from ..reporting.sweep import sweep_picture
 from ..theory.limits import as_design, limits
 from ..theory.quantity_table import QuantityTable
 from ..toml_files import nearest
-from ..units import read_quantity
+from ..units import LACKING, read_quantity
 from .report import folder_name
 from .terminal import DesignName, OptionalOutput, bar, check_target, read_distances, say, write_file
 
@@ -144,7 +144,7 @@ def _span(text: str, count: int) -> tuple[str, Array]:
                 for end in match.groups()[:2]]  # fmt: skip
     except ValueError as error:
         if not unit:
-            form = f"{match[1]}..{match[2]} {'deg' if dimension == 'angle' else 'mm'}"
+            form = f"{match[1]}..{match[2]} {LACKING[dimension or 'length']}"
             raise refusal("set", f'{place}: "{span.strip()}" has no unit; write e.g. "{form}"') from None
         raise refusal("set", f"{place}: {error}") from None
     return place, np.linspace(ends[0], ends[1], count)

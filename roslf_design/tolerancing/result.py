@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from .._arrays import Array, by_value
 from ..accuracy.statement import Accuracy, check_accuracy
 from ..bore.chain import COLLIDE
+from ..bore.part import TEMPERATURE
 from ..camera import Camera
 from ..design import Design, save
 from ..design.files import WRITTEN
@@ -85,6 +86,8 @@ INVERTED, INVERTED_ADJUSTED = 60, 240
 """Builds that count for one perturbation's inverse sensitivity, by the time it takes."""
 SUMMED = 40
 """Builds near nominal, where series tell depth errors and detail, in the time of one far off, by limit on such."""
+SAME_WARMTH = 0.05
+"""Difference below which two temperatures are one [K]."""
 ROUNDING = 1e-12
 """Share of a number that is no move of it."""
 KNOWN_LENGTHS = ("u_z_mm", EXPANDED, "u_z_at_field_mm")
@@ -603,6 +606,7 @@ def _warnings(
             f"{CALIBRATION} moves none of these limits: it teaches the decoder each build and moves no part; without "
             "that compensator the study answers the same, sooner"
         )
+    yield from _beside_range(plan)
     for column in variants[-1].distributions:
         if column.undefined:
             yield (
@@ -639,6 +643,22 @@ def _warnings(
         unmoved = [column.label for column, any_moves in still if column.field is None and not any_moves]
         if any(of_kind) and unmoved:
             yield f"of the whole camera, moved by no {kind} here: {', '.join(unmoved)}"
+
+
+def _beside_range(plan: TolerancePlan) -> Iterator[str]:
+    """Words on builds that are used at other temperatures than the design's range; none where they are not."""
+    environment = plan.question.design.environment
+    warm = next((p for p in plan.draws.perturbations if p.place == TEMPERATURE), None)
+    if environment is None or environment.range is None or warm is None:
+        return
+    cold, hot = environment.range
+    ends = warm.nominal - warm.tolerance, warm.nominal + warm.tolerance
+    if not np.allclose(ends, (cold, hot), rtol=0, atol=SAME_WARMTH):
+        yield (
+            f"builds are used at {ends[0]:g} to {ends[1]:g} degC, ± {warm.tolerance:g} K about the design's own "
+            f"temperature, not over its environment.range, {cold:g} to {hot:g} degC; with temperature = "
+            f'"{(cold + hot) / 2:g} degC" in [environment] and a tolerance of {(hot - cold) / 2:g} K they would be'
+        )
 
 
 def save_worst(plan: TolerancePlan, tally: Tally, folder: Path) -> tuple[WorstTrial, ...]:

@@ -486,6 +486,13 @@ def test_a_length_below_zero_is_refused_as_one_and_is_no_option(capsys, words, s
         (("catalogue", "--where", "width<=6 mm"), "'width' is no key of a part; write size"),
         (("catalogue", "--where", "colour_depth=3"), "microlens arrays have pitch, focal_length"),
         (("catalogue", "--where", "diametre<=6 mm"), "did you mean 'diameter'?"),
+        (
+            ("sweep", "paper", "--set", "environment.temperature=5..80", "--quantity", "fill_factor"),
+            'write e.g. "5..80 degC"',
+        ),
+        (("sweep", "paper", "--set", "d_3=5..80", "--quantity", "fill_factor"), 'write e.g. "5..80 mm"'),
+        (("sweep", "paper", "--set", "light.illuminance=5..80", "--quantity", "fill_factor"), 'write e.g. "5..80 lx"'),
+        (("sweep", "paper", "--set", "aperture.tilt.0=5..80", "--quantity", "fill_factor"), 'write e.g. "5..80 deg"'),
     ],
 )
 def test_what_was_meant_is_named(arguments, said, capsys):

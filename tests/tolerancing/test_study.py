@@ -30,7 +30,7 @@ from roslf_design.tolerancing.places import (
     perturbable,
     short_name,
 )
-from roslf_design.tolerancing.result import _share_that_meets_all, _within_reach
+from roslf_design.tolerancing.result import _beside_range, _share_that_meets_all, _within_reach
 from roslf_design.tolerancing.sensitivities import inverse_sensitivity, sensitivity
 from roslf_design.tolerancing.study import MetricGoal, load_plan, plan_from, tolerance_plan
 from roslf_design.tolerancing.trials import first_builds
@@ -518,6 +518,22 @@ def test_a_temperature_that_fails_no_limit_says_how_far_it_was_looked_for():
     told = _within_reach(*inverse_sensitivity(plan, 0.5), p, "temperature")
     assert told.alone < 80.0
     assert told.alone_limited_by == "working_distance_mm"
+
+
+def test_builds_that_are_warmed_otherwise_than_the_range_of_the_design_are_told():
+    """Half of 5 to 80 degC is 37.5 K, which about 20 degC reach from -17.5 to 57.5."""
+    perturb = [{"place": "environment.temperature", "tolerance": "37.5 K"}]
+    study = {"name": "warm", "trials": 8, "goals": [{"metric": "fill_factor", "min": 0.5}], "perturb": perturb}
+    warm = {"temperature": 20.0, "range": [5.0, 80.0], "housing": "titanium"}
+
+    def told(**more):
+        design = load("paper").replace({"environment": {**warm, **more}})
+        return list(_beside_range(tolerance_plan(study, design)[0]))
+
+    (said,) = told()
+    assert "used at -17.5 to 57.5 degC" in said
+    assert 'with temperature = "42.5 degC" in [environment] and a tolerance of 37.5 K' in said
+    assert told(temperature=42.5) == told(range=None) == []
 
 
 def test_builds_that_meet_all_that_is_required_are_counted_together():
