@@ -204,6 +204,7 @@ class Verdict:
 
     name: str
     ok: bool
+    """Whether nothing needs mending; of what the file requires whether it is met, with a reservation or without."""
     level: str
     """"good", "limit" (to be known: nature's, or of what the figure counts) or "fault"."""
     text: str

@@ -106,6 +106,11 @@ class Requirement:
         return f"{self.limits} ({ends})" if ends else self.limits
 
     @property
+    def asked(self) -> str:
+        """Name of the quantity as the file asks for it: that of u, or of U."""
+        return self.quantity if self.coverage == 1 else EXPANDED
+
+    @property
     def told(self) -> float | None:
         """Value as the file asks for it: of u, or of U."""
         return None if self.value is None else self.coverage * self.value
@@ -164,7 +169,7 @@ class Requirement:
         name, level = f"required_{self.quantity}{where}", self.level
         if self.met:
             how = "as required" if level == "good" else self.outcome
-            return Verdict(name, level == "good", level, f"{how}: {text}", "" if level == "good" else self.remedy)
+            return Verdict(name, level != "fault", level, f"{how}: {text}", "" if level == "good" else self.remedy)
         short = ""
         if self.value is not None and math.isfinite(self.value):
             low, high = -math.inf if self.min is None else self.min, math.inf if self.max is None else self.max

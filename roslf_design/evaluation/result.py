@@ -156,11 +156,11 @@ class Evaluation:
         """The JSON object of `roslf evaluate --json`; infinite values are None, what all is air has no object space."""
         data = {"schema": SCHEMA, **plain(self, undefined=False)}
         del data["depth_budget"]  # it is depth.expected
-        for one in data["required"]:
+        for required, one in zip(self.required, data["required"], strict=True):
             del one["by_builds"]  # of builds that an evaluation has none of
-            if (k := one.pop("coverage")) != 1:
-                told = {key: one[key] and k * one[key] for key in ("min", "max", "value")}
-                one |= {"quantity": EXPANDED, **told}
+            k = one.pop("coverage")
+            told = {key: one[key] and k * one[key] for key in ("min", "max", "value")}
+            one |= {"quantity": required.asked, **told}
         parts = () if self.object_space is None else data["object_space"]["parts"]
         for group in (data["exit_pupil"], data["microlens_image"], *parts):
             if group["sides_mm"] is None:

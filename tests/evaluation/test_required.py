@@ -206,6 +206,17 @@ def test_a_required_expanded_uncertainty_is_that_of_u_at_half_told_as_asked():
     assert [told[key] for key in ("quantity", "min", "max")] == ["expanded_u_z_mm", None, 0.2]
 
 
+def test_what_is_met_with_a_reservation_is_no_failure_to_a_script():
+    """As drawn, which no data sheet of builds says: met; over the limit it is not, whatever is reserved."""
+    for most, met in ((9.0, True), (1e-3, False)):
+        result = roslf.evaluate(asked(f"expanded_u_z_mm = {{max = {most}}}"))
+        (required,), (verdict, *_) = result.required, result.verdicts
+        assert (required.asked, required.quantity) == ("expanded_u_z_mm", "u_z_mm")
+        assert required.told == 2 * required.value
+        assert (required.met, verdict.ok) == (met, met)
+        assert verdict.level == ("limit" if met else "fault")
+
+
 def test_expanded_uncertainty_is_what_the_budget_prints():
     design = roslf.load("rigid-scope")
     result = roslf.evaluate(design, at=20.0)
