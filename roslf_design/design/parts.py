@@ -517,7 +517,7 @@ class Light(Part):
     """lambda [mm]."""
     illuminance: Illuminance = 1e5
     """Illuminance on the scene, in its medium [lx]; about what a surgical light gives (IEC 60601-2-41: 40 000 to 160
-    000)."""
+    000). It counts as light of 555 nm, 683 lm/W: of light far from that state the radiance."""
     reflectance: Annotated[float, Field(gt=0, le=1)] = 0.3
     """Reflectance of the scene, on average."""
     radiance: Radiance | None = None

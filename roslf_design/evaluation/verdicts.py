@@ -24,7 +24,7 @@ from ..theory.f_number import TOUCHING_PX, fill_factor, main_lens_f_number, matc
 from ..theory.focused import LEAST_VIEWS, FocusedArray, filtered_views, pupil_remedy
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import outer_slope, sensor_field
-from ..theory.photometry import LARGEST_FILL, accepted, electrons, exposure, response
+from ..theory.photometry import EFFICACY, LARGEST_FILL, accepted, electrons, exposure, eye_response, response
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import FEASIBLE
 from ..theory.stop_images import MicrolensImages
@@ -50,6 +50,8 @@ UNCUT, CUT_IN_IT = "microlens images uncut over the field", "microlens images cu
 """The paper's undistorted field, or not, in words that no picture's distortion is taken for."""
 SHARP = 0.5
 """Part of the middle's detail that the corner of the field shows from which sharpness holds over the field."""
+LEAST_SEEN, UNSEEN = 0.5, 1e-3
+"""Shares of its lux at 555 nm that the eye sees of a wavelength: below which it is told, and taken for dark."""
 TAKEN_LOSS = 0.01
 """Share of light lost to slanting rays, and of pixels that are full, from which it is told."""
 TAKEN_FIELD = 0.05
@@ -599,6 +601,16 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
         yield f"pixels of {length(pixel)} are wider {wide} (pitch {length(array.pitch)}): check sensor.pixel{meant}"
     if design.sensor.part is not None and (doubt := full_well_doubt(design)):
         yield doubt
+    light, seen = design.light, float(eye_response(design.wavelength))
+    if light.radiance is None and seen < LEAST_SEEN:
+        few = f"about {number(seen, 2)} of that" if seen > UNSEEN else "next to nothing"
+        meant = light.illuminance * light.reflectance / (math.pi * EFFICACY * max(seen, UNSEEN))
+        told = f'; as a luxmeter reads that light alone, radiance = "{number(meant, 2)} W/m2/sr"' * (seen > UNSEEN)
+        here = f"{1e6 * design.wavelength:.4g} nm"
+        yield (
+            f"{number(light.illuminance, 4)} lx count as light of 555 nm, 683 lm/W, and at {here} "
+            f"the eye sees {few}: electrons and depth noise are those of that many watts. State light.radiance{told}"
+        )
     for side, mla, sensor in zip(("wide", "high"), array.size, design.sensor_size, strict=True):
         if sensor > mla * (1 + 1e-9):
             yield (

@@ -21,6 +21,8 @@ LIGHT_SPEED = 299_792_458e3
 """[mm/s]; exact by the SI."""
 EFFICACY = 683.0
 """Luminous efficacy at 555 nm [lm/W]; exact by the SI to 3e-5 (540 THz)."""
+EYE = (4e-4, 0.004, 0.023, 0.06, 0.139, 0.323, 0.71, 0.954, 0.995, 0.87, 0.631, 0.381, 0.175, 0.061, 0.017, 0.0041)
+"""Luminous efficiency V by CIE 1924 from 400 to 700 nm, every 20 nm."""
 RINGS, SPOKES = 4, 8
 """Places over a microlens image at which slanting light is weighed: to 1e-3 where a tenth of it is left."""
 LONGEST_EXPOSURE = 1 / 60
@@ -74,6 +76,13 @@ def response(c: Camera, radius: Number) -> Array:
             slope = np.hypot(chief + x, y) / c["sensor.relay_magnification"]
             total = total + accepted(np.arctan(slope), half) * (weight / (2 * SPOKES))
     return np.asarray(total)
+
+
+def eye_response(wavelength: Number) -> Array:
+    """Luminous efficiency V of a wavelength [mm], 1 at 555 nm; 0 beyond 400 to 700 nm, where it is below 0.005."""
+    nanometres = np.multiply(wavelength, 1e6)
+    seen = np.exp(np.interp(nanometres, np.linspace(400, 700, len(EYE)), np.log(EYE)))
+    return np.asarray(np.where((nanometres < 400) | (nanometres > 700), 0.0, seen))
 
 
 def radiance(c: Camera) -> Array:

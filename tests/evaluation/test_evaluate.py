@@ -25,6 +25,7 @@ from roslf_design.evaluation.verdicts import FASTEST_ARRAY, _field_remedy, _thin
 from roslf_design.reporting.blocks import Table
 from roslf_design.reporting.design.pages import _accuracy_section
 from roslf_design.reporting.design.parts_list import parts_section
+from roslf_design.theory.photometry import eye_response
 from roslf_design.theory.stop_images import MicrolensImages
 from roslf_design.theory.vignetting import field_limit
 from tests.laws import DEAR
@@ -297,6 +298,28 @@ def test_warnings_name_what_is_odd(paper):
         (full,) = roslf.evaluate(apart.replace(changes)).warnings
         assert "neighbouring" not in full
         assert "light.exposure" in full
+
+
+@pytest.mark.parametrize(
+    ("nanometres", "seen"), [(450, 0.038), (490, 0.208), (507, 0.444), (530, 0.862), (650, 0.107), (690, 0.0082)]
+)
+def test_lux_of_light_that_the_eye_hardly_sees_are_told_as_the_watts_they_would_be(paper, nanometres, seen):
+    """By the CIE's V of 1924 (ISO 23539): 1e5 lx on 30 % are 1e5 * 0.3 / (683 pi V) W/m2/sr of that light alone."""
+    design = paper.replace({"light.wavelength": 1e-6 * nanometres})
+    assert float(eye_response(1e-6 * nanometres)) == pytest.approx(seen, rel=0.06)
+    said = [one for one in roslf.evaluate(design).warnings if "lx count as light of 555 nm" in one]
+    assert len(said) == (seen < 0.5)
+    if said:
+        (value,) = re.findall(r'radiance = "(\S+) W/m2/sr"', said[0])
+        assert float(value) == pytest.approx(1e5 * 0.3 / (683 * math.pi * seen), rel=0.1)
+        stated = design.replace({"light.radiance": 4.0})
+        assert not any("555 nm" in one for one in roslf.evaluate(stated).warnings)
+
+
+def test_lux_of_light_that_nobody_sees_have_no_radiance(paper):
+    (said,) = [one for one in roslf.evaluate(paper.replace({"light.wavelength": 850e-6})).warnings if "555 nm" in one]
+    assert "sees next to nothing" in said
+    assert said.endswith("State light.radiance")
 
 
 def test_a_focal_length_beside_a_part_that_has_another_is_told(paper):
