@@ -231,6 +231,7 @@ class _ArrayPart(Entry):
         "microlens_array.layout": attrgetter("layout"),
         "microlens_array.lens_shape": attrgetter("lens_shape"),
     }
+    declares: ClassVar[Gives] = {"microlens_array.material": attrgetter("material")}
 
     pitch: Length
     focal_length: Length
@@ -240,6 +241,8 @@ class _ArrayPart(Entry):
     size: tuple[Length, Length]
     layout: Layout = "square"
     lens_shape: Literal["square", "circular"] = "square"
+    material: Material | None = None
+    """Material of the microlenses, by which focal length and pitch go with temperature."""
     cut: StrictBool = True
     """Whether it may be cut to the size that a sensor needs."""
 

@@ -97,11 +97,28 @@ def test_a_name_that_is_none_is_told_with_the_nearest_and_all_at_once():
 def test_a_table_that_is_whole_may_have_any_name():
     own = SCOPE.replace('part = "Sony imx250"', 'part = "lot 7"\npixel = "2 um"\npixels = [900, 700]')
     design = roslf.loads(own)
-    assert dict(named_parts(design))["sensor"] == "lot 7, not in the catalogue"
+    assert dict(named_parts(design))["sensor"] == "lot 7, as the design names it; not in the catalogue that ships"
     assert roslf.loads(roslf.dumps(design)) == design
 
     shipped = own.replace("lot 7", "Sony IMX250").replace("2 um", "3.45 um").replace("[900, 700]", "[2448, 2048]")
     assert dict(named_parts(roslf.loads(shipped)))["sensor"] == "Sony IMX250"
+
+
+def test_a_quoted_array_says_what_it_is_made_of(tmp_path):
+    """Its pitch grows as its glass: fused silica by 0.51e-6 /K (its data sheet's), and own values win."""
+    (tmp_path / "mine.toml").write_text(
+        '[[microlens_arrays]]\npart = "quote 9"\npitch = "45 um"\nfocal_length = "450 um"\nsize = ["9 mm", "9 mm"]\n'
+        'material = "fused silica"\nprovenance = "x"\nconfidence = "typical"\n'
+    )
+    array = 'part = {file = "mine.toml", name = "quote 9"}'
+    text = SCOPE.replace('part = "18-00079"', array) + '[environment]\ntemperature = "20 degC"\nhousing = "titanium"\n'
+    design = roslf.loads(text, folder=tmp_path)
+    assert design.at_temperature(120.0).d == pytest.approx(45e-3 * (1 + 0.51e-6 * 100), rel=1e-6)
+    assert roslf.loads(roslf.dumps(design)) == design
+    named = "quote 9, as the design names it; not in the catalogue that ships"
+    assert dict(named_parts(design))["microlens array"] == named
+    other = roslf.loads(text.replace(array, f'{array}\nmaterial = "BK7"'), folder=tmp_path)
+    assert other.microlens_array.made_of.name == "BK7"
 
 
 @pytest.mark.parametrize(

@@ -202,7 +202,7 @@ def _catalogue_match(
     parts = catalogue.of(kind)
     named = [] if own is None else [parts[k] for k in meant(own, [(part.part, part.name) for part in parts])]
     if own is not None and not named:
-        return f"{own}, not in the catalogue", None
+        return f"{own}, as the design names it; not in the catalogue that ships", None
     unlike = {part.part: UNLIKE[kind](part, design, window) for part in named or parts}
     same = [part for part in named or parts if not unlike[part.part].words]
     best = min(same or named or parts, key=lambda part: (unlike[part.part].size, part.area), default=None)
