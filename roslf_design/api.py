@@ -6,6 +6,7 @@ Each takes a design, the name of a preset or the path of a file, prints nothing 
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from tempfile import TemporaryDirectory
 from types import NoneType
 from typing import Any
 
+from ._arrays import Array
 from .bench.acceptance import PLACED, RESULT, Acceptance, accepted, built_lengths
 from .bench.captures import read_bench
 from .bench.check import BenchCheck, checked
@@ -20,6 +22,7 @@ from .calibration.options import CalibrateOptions
 from .calibration.outcome import calibrated
 from .calibration.result import Outcome
 from .calibration.written import FILE, calibration_files
+from .camera import Camera
 from .depth.captured import MeasuredCapture
 from .depth.decoded import Decoded, DecodeOptions, decoded
 from .depth.from_files import CaptureOptions, captured
@@ -80,8 +83,9 @@ def quantity(name: str, at: Distance | None = None) -> Quantity:
     Returns
     -------
     Quantity
-        Call it with a `Camera`, or with one and a distance: one number a build, behind a real lens of its thin-lens
-        model (`evaluate` traces field, light and detail). Its unit, words and equation are attributes.
+        Call it with a `Camera`, or with one and a distance: one number a build. Of a camera behind a real lens it is
+        that of its thin-lens model, and a `UserWarning` says so of what rays would tell. Its unit, words and equation
+        are attributes.
 
     Raises
     ------
@@ -98,10 +102,17 @@ def quantity(name: str, at: Distance | None = None) -> Quantity:
     array([0.689, 1.005])
     """
     own = quantity_named(name)
-    if at is None or own.of is None:
+    if own.of is None or (at is None and own.of_rays is None):
         return own
-    (there,), of = check_distances(at), own.of
-    return replace(own, of=lambda camera, _: of(camera, there))
+    (there,), of = (None,) if at is None else check_distances(at), own.of
+
+    def told(camera: Camera, asked: float | None) -> Array:
+        if own.of_rays is not None and camera.lens.mounted:
+            message = f"{name} is of the thin-lens model of {camera.lens.name}; roslf.evaluate traces field and detail"
+            warnings.warn(message, stacklevel=3)
+        return of(camera, asked if there is None else there)
+
+    return replace(own, of=told)
 
 
 def render(

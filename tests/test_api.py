@@ -6,6 +6,7 @@ import os
 import pty
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -43,6 +44,19 @@ def test_examples_run():
     assert doctest.testmod(api).failed == 0
     with pytest.raises(ValueError, match="did you mean 'fill_factor'"):
         roslf.quantity("fil_factor")
+
+
+def test_what_rays_would_tell_otherwise_is_said_to_be_of_the_thin_lens_model():
+    """By name and lens, at the caller's line; of an ideal lens, or where lengths tell, nothing is said."""
+    singlet, wide = roslf.Camera.of(roslf.load("paper-singlet")), roslf.quantity("field_half_width_mm", at=100.0)
+    with pytest.warns(UserWarning, match="field_half_width_mm is of the thin-lens model of LA1050-A") as said:
+        value = wide(singlet)
+    assert said[0].filename == __file__
+    assert value == roslf.QUANTITIES["field_half_width_mm"](singlet, 100.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        wide(roslf.Camera.of(roslf.load("paper")))
+        roslf.quantity("fill_factor")(singlet)
 
 
 def test_a_sweep_is_a_camera_with_an_array():
