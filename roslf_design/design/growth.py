@@ -7,8 +7,10 @@ Glass grows as glass, all between parts as the housing, wherever light meets bot
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,8 @@ from .parts import PATHS
 
 BODY = "the housing", "the main lens", "the microlenses"
 """Parts of which one at least must be of a known material for depth to be told over temperature."""
+STOP_PLACE = re.compile(r"(aperture|stops\.\d+)\.distance")
+"""Places of where openings stand."""
 NAMED_AT = dict(
     zip(BODY, ("housing in [environment]", "material in [main_lens]", "material in [microlens_array]"), strict=True)
 )
@@ -82,6 +86,8 @@ class Growth:
     """Glass of each index, by the index's place."""
     silent: tuple[str, ...] = ()
     """Parts that stay as they are, because nothing says what they are made of."""
+    tube: float | None = None
+    """Expansion of the tube [1/K]; None where it is the housing's."""
 
     def known(self, degrees: Number) -> Iterator[tuple[str, NDArray[np.bool_]]]:
         """Materials whose index is known at some temperatures alone [degrees C], with these, and where it is known."""
@@ -110,6 +116,7 @@ class Growth:
             design.chain,
             tuple(design.materials.items()),
             not_named(design),
+            None if design.tube is None or design.tube.material is None else design.tube.material.expansion,
         )
 
     def moved(
@@ -128,7 +135,8 @@ class Growth:
         """
         wavelength, housing = numbers[PATHS["wavelength"]], growth(self.housing, before, after)
         front, rear = self.lens.principal_shifts(wavelength, before, after, self.housing)
-        spans = list(self._spans(numbers, before, after, housing))
+        wall = housing if self.tube is None else growth(self.tube, before, after)
+        spans = list(self._spans(numbers, before, after, housing, wall))
 
         def stretched(z: Number) -> Number:
             """Distance from the lens's first vertex, from that."""
@@ -180,16 +188,33 @@ class Growth:
             elif place == PATHS["D"]:
                 result[place] = value * self.lens.wider(before, after, self.housing, housing)
             elif name == "diameter" or part.endswith(("decentre", "sides")) or kind in ("tube", "tip"):
-                result[place] = value * housing
+                result[place] = value * np.where(self._in_tube(numbers, part), wall, housing)
         for standing in self.chain.standing(numbers):
             moved = standing.element.moved(standing.at, before, after)
             result |= {f"{standing.at.place}.{key}": value for key, value in moved.items()}
         return {place: value[()] if isinstance(value, np.ndarray) else value for place, value in result.items()}
 
+    def _tubed(self, numbers: Mapping[str, Number]) -> Number:
+        """Distance before the main lens from which on a tube of a material of its own holds the parts [mm]."""
+        return np.inf if self.tube is None else np.maximum(self._tip(numbers) - numbers["tube.length"], 0.0)
+
+    def _in_tube(self, numbers: Mapping[str, Number], part: str) -> NDArray[np.bool_]:
+        """Whether widths of a part are the tube's, or grow with it."""
+        owner = part.removesuffix(".decentre").removesuffix(".sides")
+        inside = np.greater(numbers.get(f"{owner}.distance", -np.inf), self._tubed(numbers))
+        return np.asarray(inside | (part == "tube" or owner in self.chain.bores))
+
+    def _tip(self, numbers: Mapping[str, Number]) -> Number:
+        stops = [value for place, value in numbers.items() if STOP_PLACE.fullmatch(place)]
+        return np.asarray(reduce(np.maximum, stops, self.chain.end(numbers)))
+
     def _spans(
-        self, numbers: Mapping[str, Number], before: Number, after: Number, housing: Number
+        self, numbers: Mapping[str, Number], before: Number, after: Number, housing: Number, wall: Number
     ) -> Iterator[tuple[Number, Number, Number]]:
-        """Elements: where each begins, its length, and how much more it grows than the housing."""
+        """Tube and elements: where each begins, its length, and how much more it grows than what holds it."""
+        tubed = self._tubed(numbers)
+        if self.tube is not None:
+            yield tubed, self._tip(numbers) - tubed, wall - housing
         for part in self.chain.standing(numbers):
             length, times = part.element.lengthened(part.at, before, after)
-            yield part.start, length, times - housing
+            yield part.start, length, times - np.where(np.greater(part.start, tubed), wall, housing)

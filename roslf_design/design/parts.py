@@ -37,6 +37,7 @@ from ..units import (
     read_quantity,
 )
 from ..words import length
+from .environment import Housed
 
 BEHIND = "aperture.behind"
 """Place of the distance of a stop behind the main lens."""
@@ -483,6 +484,9 @@ class Housing(Part):
     """Thickness of a ring of light fibres within the wall [mm]; None where the file says nothing of light."""
     length: Length | None = None
     """Length from the tip [mm]; what lies farther back need not fit inside. None: everything must."""
+    material: Housed | None = None
+    """Material, where it is not the housing's: it holds apart what stands before the main lens from the tube's end to
+    the tip, and its own widths grow with it."""
 
     def room(self, behind: float) -> float:
         """Diameter of the room inside, so far `behind` the tip [mm]."""
@@ -493,6 +497,8 @@ class Housing(Part):
 
     @model_validator(mode="after")
     def _hollow(self) -> Housing:
+        if self.material is not None and self.length is None:
+            raise ValueError("material is of a tube that ends; give its length, or name the housing in [environment]")
         if self.proximal_diameter is not None and self.length is None:
             raise ValueError("proximal_diameter is where a cone ends; give its length from the tip, or drop it")
         if self.proximal_diameter is not None and self.proximal_diameter < self.outer_diameter:

@@ -253,7 +253,8 @@ def _temperatures(design: Design, camera: Camera) -> Temperatures | None:
     away = any(row.temperature_degc != ROOM for row in rows)
     unknown = not_known(design) if away else ()
     named = housing, environment.expansion, tuple(rows), unknown, not_named(design), grade
-    return Temperatures(float(environment.temperature), *named)
+    own = None if design.tube is None else design.tube.material
+    return Temperatures(float(environment.temperature), *named, "" if own is None else own.words)
 
 
 def _depth(design: Design, camera: Camera, budget: DepthBudget) -> Numbers:

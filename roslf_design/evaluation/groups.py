@@ -458,10 +458,13 @@ class Temperatures:
     """Parts that do not change, because nothing says what they are made of."""
     housing_grade: str = ""
     """Grade that the housing's name, which stands for several, is taken for; empty where it names one."""
+    tube: str = ""
+    """Material of the tube in words, where it is not the housing's."""
 
     @property
     def held(self) -> str:
         """Housing in words."""
+        tube = f", tube of {self.tube}" * bool(self.tube)
         if not self.housing:
-            return "rigid housing"
-        return f"housing of {Solid(self.housing, self.expansion_per_k, grade=self.housing_grade).words}"
+            return f"rigid housing{tube}"
+        return f"housing of {Solid(self.housing, self.expansion_per_k, grade=self.housing_grade).words}{tube}"

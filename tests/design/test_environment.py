@@ -325,3 +325,49 @@ def test_lengths_before_a_real_lens_come_back_from_heat_as_they_were_written():
     warm = loads(tomli_w.dumps(table))
     assert abs(warm.elements[1].distance - 5.5) > 1e-5
     assert warm.at_room.elements[1].distance == pytest.approx(5.5, rel=1e-12)
+
+
+TUBED = """
+name = "port"
+main_lens = {{focal_length = "50 mm", diameter = "20 mm", focal_plane = "200 mm"}}
+aperture = {{diameter = "4 mm", distance = "55 mm"}}
+stops = [{{diameter = "11 mm", distance = "6 mm"}}, {{diameter = "10 mm", distance = "10 mm", bore = true}}]
+elements = [{{kind = "plate", distance = "97 mm", thickness = "3 mm", material = "N-BK7", diameter = "9 mm"}}]
+microlens_array = {{pitch = "45 um", focal_length = "450 um", size = ["9 mm", "9 mm"]}}
+sensor = {{distance = "450 um", pixel = "3 um", size = ["9 mm", "9 mm"]}}
+environment = {{temperature = "{degrees} degC", housing = {housing}}}
+tube = {{outer_diameter = "14 mm", wall = "2 mm", length = "90 mm"{material}}}
+"""
+TITANIUM, GLASS = 8.6e-6, 7.1e-6
+
+
+@pytest.mark.parametrize("degrees", [-40.0, 80.0])
+def test_a_tube_of_another_material_than_its_head(degrees):
+    """By hand: it ends 10 mm before the lens, so that a stop there stands on the head, and what is beyond on both."""
+    titanium, steel = (f"{{expansion = {a}}}" for a in (TITANIUM, STEEL))
+
+    def design(housing, material="", degrees=degrees):
+        return loads(TUBED.format(degrees=degrees, housing=housing, material=material))
+
+    both, t = design(steel, f", material = {titanium}"), degrees - 20
+    head, tube, glass = (1 + a * t for a in (STEEL, TITANIUM, GLASS))
+    assert both.d_3 == pytest.approx(10 * head + 45 * tube, rel=1e-12)
+    assert [stop.distance for stop in both.stops] == pytest.approx([6 * head, 10 * head], rel=1e-12)
+    assert both.elements[0].distance == pytest.approx(10 * head + 87 * tube, rel=1e-12)
+    assert both.elements[0].thickness == pytest.approx(3 * glass, rel=1e-9)
+    assert both.aperture.diameter == pytest.approx(4 * tube, rel=1e-12)
+    assert both.tube.outer_diameter == pytest.approx(14 * tube, rel=1e-12)
+    assert [stop.diameter for stop in both.stops] == pytest.approx([11 * head, 10 * tube], rel=1e-12)
+    assert both.d_1 == pytest.approx(design(steel).d_1, rel=1e-12)
+    assert both.d_2 == pytest.approx(design(steel).d_2, rel=1e-12)
+    assert loads(dumps(both)) == both
+    cold = design(steel, f", material = {titanium}", 20.0)
+    builds = Camera.of(cold).replace({TEMPERATURE: np.array([20.0, degrees])})
+    assert builds["aperture.distance"] == pytest.approx([55, 10 * head + 45 * tube], rel=1e-12)
+    assert "tube of" in evaluate(both).temperature.held
+    alike = design(titanium, f", material = {titanium}")
+    assert Camera.of(alike).numbers == pytest.approx(Camera.of(design(titanium)).numbers, rel=1e-13)
+    with pytest.raises(DesignError, match="give its length"):
+        loads(
+            TUBED.replace(', length = "90 mm"', "").format(degrees=80, housing=steel, material=f", material = {steel}")
+        )
