@@ -322,7 +322,8 @@ def promise(combinations: Combinations, numbers: NDArray[np.intp], seed: int) ->
         few = np.abs(missed).argsort(axis=1, kind="stable")[:, :NEAREST]  # optima lie on limits
         merit = problem.merit(cameras(np.repeat(numbers, NEAREST), units[few.ravel()]))
         merit = np.nan_to_num(np.broadcast_to(merit, few.size), nan=BIG, posinf=BIG).reshape(few.shape)
-    return np.min(merit + BIG * np.maximum(np.take_along_axis(missed, few, axis=1) - NEARLY, 0.0), axis=1)
+    penalty = BIG * np.maximum(np.take_along_axis(missed, few, axis=1) - NEARLY, 0.0)
+    return np.asarray((merit + penalty).min(axis=1))
 
 
 def rank(
