@@ -592,6 +592,20 @@ def full_well_doubt(design: Design) -> str:
     )
 
 
+def _lux_doubt(design: Design) -> str:
+    """Words on lux of light that the eye hardly sees; empty where radiance is stated, or it sees it well."""
+    light, seen = design.light, float(eye_response(design.wavelength))
+    if light.radiance is not None or seen >= LEAST_SEEN:
+        return ""
+    few = f"about {number(seen, 2)} of that" if seen > UNSEEN else "next to nothing"
+    watts = light.illuminance * light.reflectance / (math.pi * EFFICACY * max(seen, UNSEEN))
+    told = f'; as a luxmeter reads that light alone, radiance = "{number(watts, 2)} W/m2/sr"' * (seen > UNSEEN)
+    return (
+        f"{number(light.illuminance, 4)} lx count as light of 555 nm, 683 lm/W, and at {1e6 * design.wavelength:.4g} "
+        f"nm the eye sees {few}: electrons and depth noise are those of that many watts. State light.radiance{told}"
+    )
+
+
 def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
     """Warnings about what is no error but must not go unsaid."""
     array, pixel = design.microlens_array, design.sensor.pixel
@@ -601,16 +615,8 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
         yield f"pixels of {length(pixel)} are wider {wide} (pitch {length(array.pitch)}): check sensor.pixel{meant}"
     if design.sensor.part is not None and (doubt := full_well_doubt(design)):
         yield doubt
-    light, seen = design.light, float(eye_response(design.wavelength))
-    if light.radiance is None and seen < LEAST_SEEN:
-        few = f"about {number(seen, 2)} of that" if seen > UNSEEN else "next to nothing"
-        meant = light.illuminance * light.reflectance / (math.pi * EFFICACY * max(seen, UNSEEN))
-        told = f'; as a luxmeter reads that light alone, radiance = "{number(meant, 2)} W/m2/sr"' * (seen > UNSEEN)
-        here = f"{1e6 * design.wavelength:.4g} nm"
-        yield (
-            f"{number(light.illuminance, 4)} lx count as light of 555 nm, 683 lm/W, and at {here} "
-            f"the eye sees {few}: electrons and depth noise are those of that many watts. State light.radiance{told}"
-        )
+    if doubt := _lux_doubt(design):
+        yield doubt
     for side, mla, sensor in zip(("wide", "high"), array.size, design.sensor_size, strict=True):
         if sensor > mla * (1 + 1e-9):
             yield (
