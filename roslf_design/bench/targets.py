@@ -126,7 +126,8 @@ def setup_for(
         for field in stations
         if field is focus or _LEAST_EDGE * field.object_sample_mm <= side <= _WHOLE * _narrow(field)
     ]
-    volume = math.hypot(focus.width_mm, focus.height_mm, min(far.at_mm - near.at_mm, focus.at_mm))
+    across = min(math.hypot(focus.width_mm, focus.height_mm), focus.diagonal_mm)
+    volume = math.hypot(across, min(far.at_mm - near.at_mm, focus.at_mm))
     volume *= min(1.0, _WHOLE * max(focus.width_mm, focus.height_mm) / (sum(_BALLS) * volume))
     radii = _radii(*(field.diagonal_mm / 2 for field in (near, far)))
 
@@ -196,7 +197,8 @@ def _textured(walls: Sequence[ObjectField], farthest: ObjectField) -> list[Objec
 
 
 def _narrow(field: ObjectField) -> float:
-    return min(field.width_mm, field.height_mm)
+    """Side of the largest square that the field holds."""
+    return min(field.width_mm, field.height_mm, field.diagonal_mm / math.sqrt(2))
 
 
 def _radii(near: float, far: float) -> tuple[float, ...]:

@@ -15,6 +15,7 @@ from ..camera import Camera
 from ..design import Design
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.length_covariance import CalibratedLengths
+from ..theory.vignetting import lit_radius
 from ..words import sentence
 from .corner_statistics import StatisticsFit, corner_statistics, fit_at
 from .corners import LEAST_CELL
@@ -177,9 +178,13 @@ def _shown(design: Design, f: float | None = None) -> ApparentCamera:
 
 
 def field_at(design: Design, distance: float) -> tuple[float, float]:
-    """Width and height [mm] of the plane at `distance` from the main lens that the sensor sees, by chief rays."""
-    camera = camera_of(design)
+    """Width and height [mm] of the plane at `distance` from the main lens that the sensor sees, by chief rays.
+
+    Where light ends before its corners, of the part of its shape whose corners are lit.
+    """
+    camera, lit = camera_of(design), float(lit_radius(Camera.of(design)))
     scale = 2 * camera.d * abs(distance - pupil_of(design)) / camera.A
+    scale *= min(1.0, max(lit, camera.d) / (camera.d * math.hypot(camera.x_0, camera.y_0)))
     return camera.x_0 * scale, camera.y_0 * scale
 
 

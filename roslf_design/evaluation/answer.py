@@ -32,6 +32,7 @@ from .specification import (
     ObjectField,
     depth_light,
     resolved,
+    sides,
 )
 from .working_range import WorkingRange, ranges
 
@@ -47,7 +48,7 @@ class _AtDistance:
     plane: str
     width_mm: float
     height_mm: float
-    """Sides of the field there."""
+    """Sides of the field there, as far as it is lit."""
     diagonal_mm: float
     """Its diagonal, no hypotenuse of these where a lens distorts."""
     u_z_mm: float | None
@@ -63,10 +64,15 @@ class _AtDistance:
     """Reasons to believe U less; empty where none is known."""
 
     @property
+    def field(self) -> str:
+        """Field in words."""
+        return sides(self.width_mm, self.height_mm, self.diagonal_mm, "mm")
+
+    @property
     def cells(self) -> tuple[str, ...]:
         """Row of the table over distances."""
         where = f"{number(self.at_mm, 4)} mm{', in focus' if self.plane == FOCUS else ''}"
-        field = f"{number(self.width_mm, 3)} x {number(self.height_mm, 3)} mm"
+        field = self.field
         if self.expanded_mm is None:
             return where, field, "-", "-", "-"
         told = math.isfinite(self.expanded_mm) or self.mostly in (OVERLAP, FULL)
@@ -94,7 +100,7 @@ class FirstAnswer:
     """Numbers of a camera in its buyer's terms."""
 
     field_of_view_deg: FieldOfView
-    """From the entrance pupil (ISO 8600-3, method B)."""
+    """From the entrance pupil (ISO 8600-3, method B), as far as the field is lit."""
     medium: str
     """Medium of the scene; empty for air."""
     working_distance_mm: float
@@ -142,10 +148,14 @@ class FirstAnswer:
     """Ends of `environment.range`, over which depths are then expected."""
     at: tuple[_AtDistance, ...]
     """At the focal plane, then at the distances asked for."""
+    corner_freed_by: str = ""
+    """Openings to widen where images in the corner are cut, in words."""
     outermost: str = CORNER
     """Place that counts as its corner: that of the field, or of a round field that is required its rim."""
     lit_diagonal_deg: float | None = None
-    """Part of the diagonal field of view that gets light; None where all of it does."""
+    """Diagonal field of view where light ends it; None where the sensor does."""
+    sensor_field_of_view_deg: FieldOfView | None = None
+    """Angles to which the sensor would see, were the rest of it lit; None where it is."""
 
     @classmethod
     def of(
@@ -214,8 +224,9 @@ class FirstAnswer:
         farthest = shown.farthest
         outer = resolved(images, farthest, (FOCUS, focus), "refocused").usable_lp_per_mm if views else None
         medium, met = shown.design.object_space.medium.name, temperatures_met(camera)
+        view = FieldOfView.of(ends, None)
         return cls(
-            FieldOfView.of(ends, None),
+            view,
             "" if medium == "air" else medium,
             focus,
             *ranges(within),
@@ -231,8 +242,10 @@ class FirstAnswer:
             None if met is None or met[0] != met[1] else float(met[0]),
             None if met is None or met[0] == met[1] else (float(met[0]), float(met[1])),
             tuple(planes),
+            shown.freed,
             shown.outermost,
-            shown.lit_angles[2],
+            None if shown.dark_beyond is None else view.diagonal,
+            shown.dark_beyond,
         )
 
     @property
@@ -267,12 +280,13 @@ class FirstAnswer:
         """Lines of the table."""
         view = self.field_of_view_deg
         around = f" in {self.medium}" if self.medium else ""
-        lit = self.lit_diagonal_deg
-        dark = "" if lit is None else f"; lit over {number(lit, 3)} deg"
+        dark = ""
+        if (sensor := self.sensor_field_of_view_deg) is not None:
+            dark = f"; lit no farther, the sensor spans {number(sensor.width, 3)} x {number(sensor.height, 3)} deg"
         rows = [
             (
                 "field of view",
-                f"{number(view.width, 3)} x {number(view.height, 3)} deg",
+                sides(view.width, view.height, view.diagonal, "deg"),
                 f"diagonal {number(view.diagonal, 3)} deg, from the entrance pupil{around} (ISO 8600-3){dark}",
             ),
             ("working distance", f"{number(self.working_distance_mm, 4)} mm", "tip to focal plane"),
@@ -346,12 +360,12 @@ def _evened_by(shown: FieldImages, field: int) -> str:
     narrower = images_of(design, SHARES[:, np.newaxis] * images.fields[field])
     lit = np.ravel(QUANTITIES["relative_illumination"].at_fields(narrower))
     dark = int(np.argmax(lit < STOP * lit[0]))  # the corner is, against the middle
-    view = FieldOfView.of(images_of(design, shown.ends.fields * SHARES[dark - 1]), None)
-    sides = {"": view.diagonal, "width_": view.width, "height_": view.height}
+    view = FieldOfView.of(images_of(design, shown.seen.fields * SHARES[dark - 1]), None)
+    angles = {"": view.diagonal, "width_": view.width, "height_": view.height}
     least = [
         f"{quantity.label}: at least {number(low, 4)} deg"
         for _, quantity, low, _ in limits(design)
-        for side, angle in sides.items()
+        for side, angle in angles.items()
         if quantity.name == f"field_of_view_{side}deg" and low is not None and low > angle
     ]
     ways = [] if least else [f"a smaller sensor, of a field of {number(view.diagonal, 3)} deg over its diagonal"]

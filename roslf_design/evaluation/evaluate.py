@@ -52,7 +52,7 @@ from .groups import (
 from .required import Requirement, depth_off_axis, requirements
 from .result import Evaluation
 from .specification import FieldImages, depth_assumptions
-from .verdicts import buildable, named_otherwise, sharp_over_field, verdicts_of, warnings_of
+from .verdicts import buildable, named_otherwise, sharp_over_field, verdicts_of, walled, warnings_of
 
 METHOD = (
     "Closed forms and exact disc areas for pinhole microlenses in focus behind an ideal thin lens; rounding errors are "
@@ -163,7 +163,7 @@ def evaluate(
     if traced is not None:
         method.append(TRACED)
     method += filter(None, [design.main_lens.kind.untold])
-    lenses = *sharp_over_field(answer, traced), *buildable(design, camera)
+    lenses = *sharp_over_field(answer, traced), *buildable(design, camera), *walled(shown, camera)
     return Evaluation(
         design=design.name,
         answer=answer,

@@ -16,6 +16,7 @@ from ..accuracy.statement import check_accuracy
 from ..camera import Camera
 from ..design import Design
 from ..design.required import ROUND_ANGLE, ROUND_RADIUS, Required
+from ..errors import InputError
 from ..fates import ImageFate, RayFate
 from ..lenses.prescription import LensError
 from ..rays import trace_pupil
@@ -29,6 +30,7 @@ from ..theory.light import SensorField, on_array, sensor_field
 from ..theory.limits import limits
 from ..theory.quantity import FEASIBLE
 from ..theory.stop_images import MicrolensImages, stop_openings
+from ..theory.vignetting import field_limit
 from ..traced.camera import camera_of
 from ..traced.fields import DesignImages, images_of
 from ..traced.images import measured_bound, real_field
@@ -49,9 +51,11 @@ FIELD_NAMES = ("centre", "edge", "corner")
 TRIED = 33
 """Microlenses towards the field's corner between which one is looked for, twice: to 1e-6 of the way there."""
 LIT_SHARE = 0.29
-"""Share of its light that an image keeps at least where a field counts as lit, as `vignetting.LIT` leaves of a disc."""
+"""Share of the axis' light that an image keeps at least where a field counts as lit, as `vignetting.LIT` of a disc."""
 HALVINGS = 11
 """Steps towards where light ends behind a real lens, to 1e-3 of the way."""
+GROWN = (1.0, 1.02, 1.04, 1.06, 1.09, 1.12, 1.16, 1.2)
+"""Shares of the field that is asked for at which its rims are tried by rays."""
 FOLDING = 0.01
 """Part of a radius to which the one is looked for beyond which images fold."""
 ROUND_FIELD = "round field"
@@ -148,8 +152,10 @@ def lit_share(design: Design, ends: ArrayLike) -> Array:
         first = np.where(lost.any(axis=0), np.argmax(lost, axis=0), TRIED)
         near, far = shares[np.clip(first - 1, 0, None), each], shares[np.clip(first, 0, TRIED - 1), each]
     lit, tried = np.zeros(len(ends)), near
+    middle = float(DesignImages(design, on_array(camera, [(0.0, 0.0)])).traced.kept_fraction[0])
+    least = LIT_SHARE * (middle or 1.0)
     for _ in range(HALVINGS):
-        reached = images(tried).traced.kept_fraction >= LIT_SHARE
+        reached = images(tried).traced.kept_fraction >= least
         lit, near = np.where(reached, tried, lit), np.where(reached, near, tried)
         if np.all(reached) and np.all(lit == near):
             break
@@ -434,8 +440,36 @@ def trace_lens(design: Design, axes: Sequence[Place], thin: Numbers) -> RealLens
         turned_x_ml_max_mm=None if whole else _turned_bound(design, x_ml if folds is None else folds),
         undistorted_in_field=whole,
         folded_beyond_mm=folds,
+        cut_by=() if whole or folds is not None else tuple(_cuts_by_rays(design)),
         fields=fields,
     )
+
+
+def _cuts_by_rays(design: Design) -> list[dict[str, Any]]:
+    """Cuts of the field as `field_limit` has them, each as deep as rays through a real lens ask for.
+
+    The thin-lens model's, over a field that grows until rims wider by so much leave its images whole by rays; empty
+    where that takes more than `GROWN`, as the lens itself is in the way, or the main lens cuts.
+    """
+    camera = Camera.of(design)
+    asked, corners = field_of_view.judged_field(camera), on_array(camera, judged_field(design).corners).tolist()
+    places = {at.name: at.place for at in (*design.openings, *design.in_bore)}
+    free = {"tube": None, **{f"{opening.place}.bore": False for opening in design.openings if opening.part.bore}}
+    for share in GROWN:
+        low, high = ((share * x, share * y) for x, y in asked)
+        cuts = field_limit(camera, SensorField(low, high)).cuts
+        wider = dict[str, float]()
+        for cut in cuts:
+            place = f"{places.get(cut['rim'].partition(',')[0])}.diameter"
+            if place not in camera.cold.numbers:  # the main lens, or no disc
+                return []
+            wider[place] = max(wider.get(place, 0.0), float(camera.cold[place]) + 2 * abs(cut["clearance_mm"]))
+        try:
+            if wider and all(one.status == "full" for one in _traced_fields(design.replace(free | wider), corners)):
+                return cuts
+        except InputError:  # wider than the glass that it stands in, or in another part
+            return []
+    return []
 
 
 def _turned_bound(design: Design, own: float) -> float | None:

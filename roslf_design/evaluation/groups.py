@@ -299,6 +299,9 @@ class RealLens:
     fields: tuple[RealLensField, ...]
     folded_beyond_mm: float | None = None
     """Radius on the MLA, along x, beyond which images fold before anything cuts them; None where none does."""
+    cut_by: tuple[dict[str, Any], ...] = ()
+    """Openings as in `non_distortion`, so much too narrow that images are whole by rays once that is mended; none where
+    all are, or that does not mend it."""
 
     @property
     def facts(self) -> list[tuple[str, str, str]]:

@@ -25,7 +25,7 @@ from ..theory.quantity import FEASIBLE, Quantity
 from ..traced.fields import images_of
 from ..words import clauses, length, number, on_side, percent, the, uncertainty
 from .remedies import Holds, reaching
-from .specification import FieldImages, view_fold
+from .specification import FieldImages, ends_of, view_fold
 
 WAYS = "`roslf sweep` shows what moves it, and as a study's [[constraints]] `roslf optimize` holds it"
 """Remedy of a limit that is not held."""
@@ -58,10 +58,10 @@ SHARPER = "a better corrected lens, a smaller FAP or a smaller sensor lets more 
 """Remedy of detail that the corner of the field does not show."""
 DARK = "dark at the edge of what is required"
 """Words on a field that is none."""
-LIT = "free the images from what cuts them (the field's verdict says what)"
-"""Remedy of a field whose edge gets no light."""
-REMEDIES = {"spot_pitches": SHARPER, "relative_illumination": LIT, "kept_fraction": LIT}
-"""Remedies of what single microlenses have."""
+OF_LIGHT = "relative_illumination", "kept_fraction"
+"""Quantities of single microlenses' light."""
+HELD = "in the middle it is held"
+"""Words on a depth that only the end of the field misses."""
 ALL_BUT = 0.99
 """Share of the full well up to which depth is looked for in more light."""
 FLAT = 179.0
@@ -162,10 +162,10 @@ class Judged:
         return self.on_axis and not self.undefined and min(self.value, self.seen.closed) > self.fold
 
     @cached_property
-    def dark(self) -> str | None:
-        """Words on where a field that is held gets no light."""
+    def dark(self) -> bool:
+        """Whether a field that is held gets no light where it is required."""
         held = not self.undefined and bool(self.quantity.within(*self.ends, self.value))
-        return _darkness(self.shown, self.quantity, self.low, self.value) if held else None
+        return held and _darkness(self.shown, self.quantity, self.low, self.value)
 
     @property
     def caution(self) -> str:
@@ -195,7 +195,7 @@ Rule = Callable[[Judged], Judged]
 
 def reserved(one: Judged, counted: Mapping[str, Callable[[float | None], str]]) -> Judged:
     """A requirement as all rules have it; `counted` tells what values of some quantities are of."""
-    met = not one.undefined and bool(one.quantity.within(*one.ends, one.value)) and one.dark != DARK
+    met = not one.undefined and bool(one.quantity.within(*one.ends, one.value)) and not one.dark
     counts = counted[one.quantity.name](one.at) if one.quantity.name in counted and not one.undefined else ""
     if one.aliases:
         counts = f"of contrast; detail above {number(one.fold, 4)} {one.quantity.unit} aliases"
@@ -210,9 +210,7 @@ def reserved(one: Judged, counted: Mapping[str, Callable[[float | None], str]]) 
 
 
 def _dark(one: Judged) -> Judged:
-    if one.dark is None:
-        return one
-    return one.told(one.dark * (not one.met), one.dark * one.met, LIT)
+    return one.told(DARK, remedy=one.shown.freed) if one.dark else one
 
 
 def _as_drawn(one: Judged) -> Judged:
@@ -223,7 +221,7 @@ def _deep(one: Judged) -> Judged:
     if one.depth is None or one.undefined or one.high is None or one.value <= one.high:
         return one
     beyond = one.depth.u_z_mm > one.high
-    return one.told(remedy=_of_depth(one.depth, one.high) if beyond else f"in the middle it is held; {LIT}; {WAYS}")
+    return one.told(remedy=_of_depth(one.depth, one.high) if beyond else clauses(HELD, one.shown.freed, WAYS))
 
 
 def _contrast_alone(one: Judged) -> Judged:
@@ -237,8 +235,9 @@ def _not_seen(one: Judged) -> Judged:
 
 
 def _of_single(one: Judged) -> Judged:
-    known = not one.met and not one.on_axis and one.quantity.name in REMEDIES
-    return one.told(remedy=REMEDIES[one.quantity.name]) if known else one
+    if one.met or one.on_axis or one.quantity.name not in (*OF_LIGHT, "spot_pitches"):
+        return one
+    return one.told(remedy=one.shown.freed if one.quantity.name in OF_LIGHT else SHARPER)
 
 
 def _reached(one: Judged) -> Judged:
@@ -347,9 +346,9 @@ def _cause(one: Judged) -> Judged:
     if one.met or one.undefined:
         return one
     slip = _slip_of_unit(one.asked, one.low, one.high, one.value, one.quantity.unit)
-    rim = one.shown.round_end(one.quantity.name) if one.low is not None and one.value < one.low else ""
+    rim = one.shown.light_end(one.quantity) if one.low is not None and one.value < one.low else ""
     have = one.fold if one.of_detail and not one.seen.sampled else one.value
-    culprit = f"{rim}: {LIT}" if rim else _culprit(one.quantity, one.camera, have, one.low)
+    culprit = rim or _culprit(one.quantity, one.camera, have, one.low)
     return replace(one, remedy=clauses(slip, culprit, one.remedy or WAYS * bool(slip or culprit)))
 
 
@@ -398,18 +397,15 @@ def _of_colours(camera: Camera, at: float | None, detail: float) -> tuple[str, f
     return (f"of all pixels refocused; single views alias: {views} lp/mm", coarsest) if detail > coarsest else None
 
 
-def _darkness(shown: FieldImages, quantity: Quantity, low: float | None, value: float) -> str | None:
-    """Words on where a field that is held gets no light: at the ends of what is required, or in the corner alone."""
-    if low is None or not ("field_of_view" in quantity.name or quantity.name.startswith(("field_half", ROUND_RADIUS))):
-        return None
+def _darkness(shown: FieldImages, quantity: Quantity, low: float | None, value: float) -> bool:
+    """Whether a field that is held gets no light at the ends of what is required, by rims that lean as well."""
+    if low is None or not quantity.lit:
+        return False
     if quantity.name in (ROUND_ANGLE, ROUND_RADIUS):
         ends = shown.rim
     else:
-        pair = 0 if "width" in quantity.name else 1 if "height" in quantity.name else 2
-        ends = low / value * shown.ends.fields[2 * pair : 2 * pair + 2]
-    if not np.all(QUANTITIES["relative_illumination"].at_fields(images_of(shown.design, ends)) > 0):
-        return DARK
-    return None if shown.points[shown.farthest].relative_illumination > 0 else "with a dark corner"
+        ends = low / value * shown.ends.fields[ends_of(quantity)]
+    return not np.all(QUANTITIES["relative_illumination"].at_fields(images_of(shown.design, ends)) > 0)
 
 
 def _slip_of_unit(asked: Required, low: float | None, high: float | None, value: float, unit: str) -> str:
@@ -506,6 +502,9 @@ def _culprit(quantity: Quantity, camera: Camera, have: float, low: float | None)
         side = "wide on its nearest side" if quantity.name == ROUND_ANGLE else "wide"
         sensor = f"about a sensor {on_side(wider, True, 3)} times as {side} sees that"
         return f"{sensor}{_beyond_tube(quantity, camera, wider)}, or a main lens so many times shorter"
+    if quantity.name == ROUND_RADIUS:
+        wider = on_side(low / have, True, 3)
+        return f"the sensor ends it: about one {wider} times as wide on its nearest side sees that"
     if quantity.unit == "lp/mm":
         pitch = on_side(1e3 * float(camera.d) * have / low, False, 3)
         return f"microlenses of {pitch} um, not {length(float(camera.d))}, sample {low:g} lp/mm there"

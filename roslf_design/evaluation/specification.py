@@ -36,11 +36,11 @@ from ..theory.quantities import QUANTITIES
 from ..theory.quantity import Quantity, Way
 from ..theory.resolution import Direction
 from ..theory.stop_images import MicrolensImages
-from ..theory.vignetting import lit_pairs, lit_radius
+from ..theory.vignetting import field_limit, lit_pairs, lit_radius
 from ..traced.fields import DesignImages, IdealImages, images_of
 from ..traced.images import measured_bound
-from ..words import clauses, number, the
-from .fields import default_fields, lit_share, place_off_axis, round_radius
+from ..words import clauses, listed, number, the
+from .fields import default_fields, judged_field, lit_share, place_off_axis, round_radius
 from .groups import DepthAssumptions
 from .working_range import BudgetAt, WorkingRange
 
@@ -54,8 +54,14 @@ BEYOND = 2.0
 LEVELS = (0.5, 0.1)
 DEEP = 3.0
 """Far end of a working range over the near one from which light that does not fall with distance is doubted."""
-CORNER, RIM = "corner of the field", "rim of the round field"
-"""Where a field ends: the corner of what the sensor sees, or of a round field that is required its rim."""
+CORNER, RIM, DARK_CORNER = "corner of the field", "rim of the round field", "corner of the sensor"
+"""Where a field ends: the corner of what the sensor sees, or of a round field that is required its rim.
+
+Where light ends before, the field ends there, and that corner is the sensor's alone."""
+PAST = 1.002
+"""Share of the way to where light ends, by search, at which it surely has."""
+ROUND_TO = 1.005
+"""Diagonal over the shorter side up to which a field is round, for a search of where light ends."""
 ROUND = 16
 """Places on the rim of a round field that are looked at."""
 WAYS: tuple[Direction, Direction] = ("tangential", "sagittal")
@@ -81,7 +87,7 @@ class FieldOfView:
         """Angles from the entrance pupil, or under which the tip sees a plane [mm ahead of it]."""
         names = [f"{'' if at is None else 'tip_'}field_of_view_{part}deg" for part in ("width_", "height_", "")]
         ways = ends.directions if at is None else np.stack(np.broadcast_arrays(*ends.on_plane(at), at), axis=-1)
-        angles = _across(ways, field_of_view.between, lambda k: QUANTITIES[names[k]](ends.camera, at))
+        angles = _across(ways, field_of_view.between, lambda k: _over_sensor(names[k], ends.camera, at))
         return cls("entrance pupil" if at is None else "distal tip", *angles, at)
 
 
@@ -108,7 +114,7 @@ class ObjectField:
         magnification, sample = (float(QUANTITIES[n](camera, at)) for n in ("object_magnification", "object_sample_mm"))
         met = np.stack(ends.on_plane(at), axis=-1)
         sides = _across(
-            met, lambda a, b: np.linalg.norm(a - b, axis=-1), lambda k: 2 * QUANTITIES[halves[k]](camera, at)
+            met, lambda a, b: np.linalg.norm(a - b, axis=-1), lambda k: 2 * _over_sensor(halves[k], camera, at)
         )
         return cls(at, plane, *sides, magnification, sample)
 
@@ -196,8 +202,8 @@ class FieldImages:
     design: Design
     images: IdealImages | DesignImages
     """At the middle, the edge and the corner of what the sensor sees."""
-    ends: IdealImages | DesignImages
-    """At the ends of the field's width, height and both diagonals, two and two."""
+    seen: IdealImages | DesignImages
+    """At the ends of what it sees over width, height and both diagonals, two and two."""
 
     @classmethod
     def of(cls, design: Design) -> FieldImages:
@@ -205,6 +211,15 @@ class FieldImages:
         images = images_of(design, default_fields(design))
         corners = np.array(field_of_view.ends(light.sensor_field(images.camera)), float).reshape(8, 2)
         return cls(design, images, images_of(design, on_array(images.camera, corners)))
+
+    @cached_property
+    def ends(self) -> IdealImages | DesignImages:
+        """Images at the ends of the field: where light ends, if it does within what the sensor sees."""
+        corners = np.array(field_of_view.ends(light.sensor_field(self.images.camera)), float).reshape(8, 2)
+        shares = self._lit(corners)
+        if np.all(shares == 1):
+            return self.seen
+        return images_of(self.design, on_array(self.images.camera, shares[:, np.newaxis] * corners))
 
     @cached_property
     def points(self) -> tuple[_FieldPoint, ...]:
@@ -229,15 +244,26 @@ class FieldImages:
         return resolved(self.images, self.farthest, (ASKED, self._plane(at)), "refocused").usable_lp_per_mm or 0.0
 
     @cached_property
+    def freed(self) -> str:
+        """Remedy of the images at the farthest of the fields, with the openings that cut them by name."""
+        cuts = field_limit(self.images.camera, judged_field(self.design)).cuts
+        names = dict.fromkeys(cut["rim"].partition(",")[0] for cut in cuts)  # of either face of an element
+        return f"free the images from {listed([the(name) for name in names]) if names else 'what cuts them'}"
+
+    @cached_property
     def outermost(self) -> str:
         """Place that is farthest out in the field, in words."""
-        return CORNER if round_radius(self.design) is None else RIM
+        if round_radius(self.design) is not None:
+            return RIM
+        return CORNER if self.ends is self.seen else DARK_CORNER
 
     def in_words(self, place: str) -> str:
         """Place off the axis in words, the "edge" and the "corner" of the field too."""
         if place == "edge":
             return "in the field's edge"
-        return place if place != "corner" else "in the field's corner" if self.outermost == CORNER else f"at the {RIM}"
+        if place != "corner":
+            return place
+        return "in the field's corner" if self.outermost == CORNER else f"at the {self.outermost}"
 
     @cached_property
     def rim(self) -> Array:
@@ -248,7 +274,7 @@ class FieldImages:
 
     def sees_to(self, asked: Required) -> float:
         """Angle [deg] to the axis, or distance from it on a plane [mm], that the sensor sees; NaN where all is lost."""
-        ends = images_of(self.design, self.ends.fields[4:])
+        ends = images_of(self.design, self.seen.fields[4:])
         ways = np.rad2deg(field_of_view.off_axis(ends.directions))
         met = np.hypot(*ends.on_plane(self._plane(asked.at)))
         return float(np.nanmax(ways if asked.object_height is None else met, initial=-math.inf))
@@ -256,7 +282,7 @@ class FieldImages:
     def off_axis(self, asked: Required) -> tuple[IdealImages | DesignImages, int] | None:
         """Images, and which of them sees the place off the axis that is asked for; None where the sensor sees none."""
         if asked.field is not None:
-            corner = self.farthest if self.outermost == CORNER else 2  # of a rim all are as far
+            corner = 2 if self.outermost == RIM else self.farthest  # of a rim all are as far
             return self.images, corner if asked.field == "corner" else 1
         place = place_off_axis(self.design, asked)
         return None if place is None else (images_of(self.design, [place]), 0)
@@ -278,30 +304,33 @@ class FieldImages:
         away = np.hypot(*np.asarray(ends, float).T)
         return np.asarray(np.minimum(1.0, max(radius, 0.0) / np.maximum(away, 1e-300)))
 
-    def round_end(self, name: str) -> str:
-        """Words on what ends a round field before the sensor does; empty where nothing does."""
-        if name not in (ROUND_ANGLE, ROUND_RADIUS) or np.all(self._lit_to == 1):
+    def light_end(self, quantity: Quantity) -> str:
+        """Words on what ends a field before the sensor does, and the remedy; empty where nothing does."""
+        camera = self.images.camera
+        field = light.sensor_field(camera)
+        if not quantity.lit:
             return ""
-        if self.design.main_lens.kind.mounted:
-            return "the lens does not image a rim so wide"
-        one, other, _ = min(lit_pairs(self.images.camera), key=lambda pair: float(pair[2]))
-        return f"{the(one.opening)} and {the(other.opening)} leave less than a third of the pencils there"
+        if quantity.name in (ROUND_ANGLE, ROUND_RADIUS):
+            feet = np.array(field_of_view.feet(field), float)
+            nearest = int(np.argmin(self._lit_to * np.hypot(*feet.T)))
+            ways, shares = feet[nearest : nearest + 1], self._lit_to[nearest : nearest + 1]
+        else:
+            ways = np.array(field_of_view.ends(field), float).reshape(8, 2)[ends_of(quantity)]
+            shares = self._lit(ways)
+        if np.all(shares == 1):
+            return ""
+        beyond = images_of(self.design, on_array(camera, np.minimum(1.0, PAST * shares)[:, np.newaxis] * ways))
+        if np.any(np.isnan(beyond.directions)):
+            return "the lens does not image a rim so wide: a better corrected or wider one, or a smaller field"
+        pair = [rim.opening.partition(",")[0] for rim in min(lit_pairs(camera), key=lambda pair: float(pair[2]))[:2]]
+        wider = [the(name) for name in dict.fromkeys(pair) if name != camera.fap.opening]
+        both = listed([the(name) for name in pair])
+        return f"{both} leave less than a third of the pencils there: widen {listed(wider)}"
 
     @cached_property
-    def lit_angles(self) -> tuple[float | None, float | None, float | None]:
-        """Full angles from the entrance pupil over the width, height and diagonal that are lit [degrees].
-
-        None where all of it does.
-        """
-        corners = np.array(field_of_view.ends(light.sensor_field(self.images.camera)), float).reshape(8, 2)
-        shares = self._lit(corners)
-        lit = images_of(self.design, on_array(self.images.camera, shares[:, np.newaxis] * corners))
-        one, other = np.broadcast_to(lit.directions, (8, 1, 3)).reshape(4, 2, 3).swapaxes(0, 1)
-        angles = field_of_view.between(one, other)
-        whole = np.all(shares.reshape(4, 2) == 1, axis=1)
-        each = [(angles[0], whole[0]), (angles[1], whole[1]), (angles[2:].max(), whole[2:].all())]
-        width, height, diagonal = (None if all_of_it else float(angle) for angle, all_of_it in each)
-        return width, height, diagonal
+    def dark_beyond(self) -> FieldOfView | None:
+        """Angles that the sensor would see, were it lit; None where it is."""
+        return None if self.ends is self.seen else FieldOfView.of(self.seen, None)
 
     def round_field(self, at: float | None, *, angle: bool) -> float:
         """Full angle [deg] or radius [mm] of the largest round field, as `Rays` has it."""
@@ -351,6 +380,13 @@ class FieldImages:
         if quantity.of_rays is None or not self.design.main_lens.kind.mounted:
             return None
         return None if quantity.of_views and not has_views(self.images.camera) else quantity.of_rays(self, at)
+
+
+def ends_of(quantity: Quantity) -> slice:
+    """Ends over which a field's width, height or diagonal is told, of `FieldImages.ends`."""
+    if "width" in quantity.name or "half_angle" in quantity.name:
+        return slice(0, 2)
+    return slice(2, 4) if "height" in quantity.name else slice(4, 8)
 
 
 MOST_TRACED = 500
@@ -628,7 +664,7 @@ def specification(
         pixels=design.pixels,
         views_across=value["views_geometric"],
         independent_views_across=value["views_independent"],
-        object_samples=_samples(camera),
+        object_samples=_samples(ends),
         colours=tuple(Colour.of(camera, one) for one in filters(camera.colours)),
         insertion_diameter_mm=value[tube.INSERTED],
         outer_diameter_mm=value[tube.WHOLE],
@@ -713,6 +749,21 @@ def depth_assumptions(design: Design, camera: Camera, error: float) -> DepthAssu
     )
 
 
+def sides(width: float, height: float, diagonal: float, unit: str) -> str:
+    """Width and height of a field in words; of one that light alone ends its diameter."""
+    least = min(width, height)
+    if diagonal <= ROUND_TO * least:
+        return f"{number(least, 3)} {unit} round"
+    return f"{number(width, 3)} x {number(height, 3)} {unit}"
+
+
+def _over_sensor(name: str, camera: Camera, at: float | None) -> Array:
+    """Field by chief rays, lit or not, of the thin-lens model."""
+    over = QUANTITIES[name].over
+    assert over is not None, name
+    return over(camera, at, light.sensor_field(camera))
+
+
 def _across(
     rays: Array, between: Callable[[Array, Array], Array], thin: Callable[[int], Array]
 ) -> tuple[float, float, float]:
@@ -726,10 +777,11 @@ def _across(
     return width, height, diagonal
 
 
-def _samples(camera: Camera) -> tuple[int, int]:
-    """Whole microlenses across the width and the height."""
+def _samples(ends: MicrolensImages) -> tuple[int, int]:
+    """Whole microlenses across the width and the height of the field."""
+    camera, (left, right, below, above) = ends.camera, ends.fields[:4]
     rows = PACKINGS[camera.layout].rise
-    across, up = (2 * float(half) / float(camera.d) for half in light.sensor_field(camera).half)
+    across, up = (math.dist(*pair) / float(camera.d) for pair in ((left, right), (below, above)))
     return math.floor(across + 1e-9), math.floor(up / rows + 1e-9)
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,8 @@ from ..camera import Camera
 from ..catalogue.entries import named_window, other_focal_length
 from ..design import Design
 from ..design.growth import NAMED_AT, not_known, not_named
-from ..design.parts import USUAL_PIXEL
+from ..design.parts import USUAL_PIXEL, Stop
+from ..errors import InputError
 from ..lenses.glass import ROOM
 from ..shapes.lattice import PACKINGS
 from ..theory import tube
@@ -29,13 +30,17 @@ from ..theory.quantities import QUANTITIES
 from ..theory.quantity import FEASIBLE
 from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import corner_room
-from ..words import in_file, length, listed, number, on_side, percent, place, the
+from ..words import clauses, in_file, length, listed, number, on_side, percent, place, the
 from .answer import STOP, FirstAnswer
 from .fields import Place, default_fields, field_openings, judged_field, round_radius
 from .groups import Field, Numbers, RealLens, Verdict
 from .remedies import GAP_SLACK, OVERLAP_SLACK, SLACK_PX, ways_of
-from .specification import RIM
+from .specification import RIM, FieldImages
 
+SHADED = 0.01
+"""Share of an image at the end of the field that a tube's end takes from which it is told."""
+TURN_GAIN = 0.05
+"""Share by which the undistorted field must grow for turning a lens round to be a remedy."""
 NEIGHBOURS = 3.0
 """Microlenses across, so that one has a neighbour on either side, without which nothing is matched."""
 EVEN = math.sqrt(STOP)
@@ -232,6 +237,45 @@ def _coatings(design: Design, camera: Camera) -> Iterator[Verdict]:
         yield Verdict("reflecting_face", False, "limit", text, remedy)
 
 
+def walled(shown: FieldImages, camera: Camera) -> tuple[Verdict, ...]:
+    """Whether an end of the tube, where no opening says so, would cut the field's images; nothing where it would not.
+
+    Told of the end that would leave least light where the field, as it is lit, ends.
+    """
+    if tube.OUTER not in camera.numbers:
+        return ()
+    ends = {"tip": float(camera.cold.tip)}
+    if tube.LENGTH in camera.numbers:
+        ends["rear end"] = ends["tip"] - float(camera.cold[tube.LENGTH])
+    design, told = shown.design, list[tuple[float, float, str, float]]()
+    places = shown.rim if shown.outermost == RIM else shown.ends.fields[4:]
+    kept = np.ravel(MicrolensImages(camera, places).shapes.kept_fraction)
+    for end, ahead in ends.items():
+        wide = float(tube.room(camera, ahead))
+        if ahead <= 0 or any(abs(float(rim.ruler_distance) - ahead) <= tube.NEAR * ahead for rim in camera.openings):
+            continue
+        try:
+            stop = Stop(diameter=wide, distance=ahead)
+            cut = Camera.of(design.replace({"stops": (*design.stops, stop)}))
+        except InputError:  # within a part, which has an opening of its own
+            continue
+        left = np.ravel(MicrolensImages(cut, places).shapes.kept_fraction)
+        worst = int(np.argmax(kept - left))
+        if left[worst] < kept[worst] - SHADED:
+            told.append((float(left[worst]), float(kept[worst]), end, ahead))
+    if not told:
+        return ()
+    left, whole, end, ahead = min(told)
+    where = number(ahead, 6)
+    text = (
+        f"the tube's inside counts as no opening: its {end}, {where} mm before the lens and "
+        f"{number(float(tube.room(camera, ahead)), 4)} mm wide, would leave {percent(left)} of an image at the end of "
+        f"the field, of {percent(whole)} as counted"
+    )
+    remedy = f'to count it: [[stops]] distance = "{where} mm", bore = true, and no diameter'
+    return (Verdict("tube_cuts", False, "limit", text, remedy),)
+
+
 def buildable(design: Design, camera: Camera) -> tuple[Verdict, ...]:
     """Doubts whether a camera's main lens and microlenses are ones that anybody makes; nothing where there are none."""
     counted = *_counted_to_rim(design, camera), *_windows_to_rim(design, camera)
@@ -329,10 +373,14 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None, answer: F
     half, corner = thin.field_half_width_mm, thin.field_half_diagonal_mm
     if answer is not None and camera.lens.mounted and math.isfinite(answer.at[0].width_mm):
         half, corner = answer.at[0].width_mm / 2, answer.at[0].diagonal_mm / 2
-    sees = f"the sensor sees {half:.4g} mm (half width), {corner:.4g} mm (corner); {_shifted(camera)}{_stopped(camera)}"
+    sees = f"the sensor sees {half:.4g} mm (half width), {corner:.4g} mm (corner)"
+    if answer is not None and answer.sensor_field_of_view_deg is not None:
+        sees = f"the field is lit over {answer.at[0].field}"
+    sees = f"{sees}; {_shifted(camera)}{_stopped(camera)}"
     if answer is not None and answer.outermost == RIM:
         sees = f"judged to the {RIM} that is required; {sees}"
-    by_thin = "" if thin.undistorted_in_field else _field_remedy(camera, thin)
+    cuts = (lens and lens.cut_by) or thin.cut_by
+    by_thin = _field_remedy(camera, cuts) if cuts else ""
     off = any(np.any(value) for at, value in camera.numbers.items() if ".decentre." in at)
     worst = " in the worst direction" if off or any(rim.outline.straight for rim in camera.openings) else ""
     if lens is not None:
@@ -356,11 +404,11 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None, answer: F
             )
         other = lens.turned_x_ml_max_mm
         own = lens.x_ml_max_mm if lens.folded_beyond_mm is None else lens.folded_beyond_mm
-        wider = other is not None and other > own
-        turned = f"the other way round the lens sees whole images out to {other:.4g} mm; " if wider else ""
+        wider = other is not None and other > own * (1 + TURN_GAIN)
+        turned = f"the other way round the lens sees whole images out to {other:.4g} mm" if wider else ""
         ways = "a better corrected or wider lens, a FAP closer to it or a smaller sensor helps"
         text = f"{CUT_IN_IT}: {bound}{where}; {sees}"
-        return Verdict.of("field_undistorted", text, f"{turned}{by_thin or ways}")
+        return Verdict.of("field_undistorted", text, clauses(*((by_thin, turned) if by_thin else (turned, ways))))
     if by_thin:
         on_array = f" ({thin.x_ml_max_mm:.4g} mm on the MLA)" if thin.cut_beyond_mm == thin.x0_max_mm else ""
         others = [f"{the(cut['rim'])} (beyond {cut['beyond_mm']:.4g} mm)" for cut in thin.cut_by[1:]]
@@ -410,14 +458,14 @@ def lit(answer: FirstAnswer) -> Verdict:
     if EVEN <= light <= 1 / EVEN:
         return Verdict.of(name, f"evenly lit to half a stop: {share}")
     if light <= 0:
-        return Verdict.of(name, f"the {answer.outermost} is dark", "see what cuts the images: the field's verdict")
+        return Verdict.of(name, f"the {answer.outermost} is dark", answer.corner_freed_by)
     stops = f"{abs(math.log2(light)):.2g}"
     stops += " stop" if stops == "1" else " stops"
     text = f"{share}, {stops} {'darker' if light < 1 else 'brighter'}: {answer.light_words}"
     noise = f"; noise there counts {light**-0.5:.2g} times as much" if light < 1 else ""
     ways = answer.corner_evened_by or FLAT_FIELD
     if light < CUT * answer.corner_slant:
-        ways = "free the images from what cuts them (the field's verdict says what)"
+        ways = answer.corner_freed_by
     if light > 1:
         ways = "a smaller sensor, or a lens that keeps the pupil's size over the field, evens it"
     return Verdict(name, False, "limit" if light >= DIM else "fault", text, f"{ways}{noise}")
@@ -468,9 +516,9 @@ def _fits(camera: Camera) -> Verdict:
     return Verdict.of("fits_tube", text, ways)
 
 
-def _field_remedy(camera: Camera, field: Numbers) -> str:
+def _field_remedy(camera: Camera, cuts: Sequence[Mapping[str, Any]]) -> str:
     others, grow = "a smaller FAP or a smaller sensor", dict[str, float]()
-    for cut in field.cut_by:
+    for cut in cuts:
         name = cut["rim"].partition(",")[0]  # of either face of an element
         grow[name] = max(grow.get(name, 0.0), 2 * abs(cut["clearance_mm"]))
     rooms = [(part, float(tube.room(camera, part.place))) for part in tube.housed(camera) if part.inside(camera)]
@@ -490,7 +538,7 @@ def _field_remedy(camera: Camera, field: Numbers) -> str:
             f"{lens} of {on_side(wide, True, 4)} mm clear aperture frees the whole field; "
             "a smaller FAP, a FAP closer to the lens or a smaller sensor helps too"
         )
-    if any(cut["rim"].endswith("mapping") for cut in field.cut_by):
+    if any(cut["rim"].endswith("mapping") for cut in cuts):
         largest = math.degrees(camera.mapping.widest)
         return f"the objective images no farther than {largest:.4g} degrees in air; use a smaller sensor or FAP"
     wider = listed([f"{the(name)} by {on_side(by, True, 4)} mm" for name, by in grow.items()])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -12,8 +13,9 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, mo
 from .._arrays import Array
 from ..bore.part import TEMPERATURE
 from ..camera import Camera
+from ..design.required import ROUND_ANGLE, ROUND_RADIUS
 from ..theory.f_number import inverse_fill_factor
-from ..theory.light import SensorField
+from ..theory.light import SensorField, sensor_field
 from ..theory.quantities import quantity_named
 from ..theory.quantity import Quantity
 from ..theory.stop_images import MicrolensImages
@@ -28,7 +30,16 @@ SIGNS: Mapping[Side, str] = {"min": ">=", "max": "<=", "equal": "="}
 
 
 def _named(name: Any) -> Any:
-    return quantity_named(name) if isinstance(name, str) else name
+    quantity = quantity_named(name) if isinstance(name, str) else name
+    return _smooth(quantity) if isinstance(quantity, Quantity) else quantity
+
+
+def _smooth(quantity: Quantity) -> Quantity:
+    """A quantity that searches can follow: a field over all that the sensor sees, as it bends where light ends it."""
+    over = quantity.over
+    if not quantity.lit or over is None or quantity.name in (ROUND_ANGLE, ROUND_RADIUS):
+        return quantity
+    return replace(quantity, of=lambda c, at: over(c, at, sensor_field(c)), lit=False)
 
 
 def _place(value: Any) -> Any:

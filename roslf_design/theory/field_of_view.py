@@ -48,28 +48,42 @@ def between(first: Array, second: Array) -> Array:
     return np.asarray(np.rad2deg(np.arctan2(crossed, (first * second).sum(-1))))
 
 
-def ends(field: SensorField) -> tuple[tuple[Place, Place], ...]:
-    """Opposite ends of the field from the lens's axis: left and right, below and above, of both diagonals [mm]."""
+def ends(field: SensorField, lit: Number = np.inf) -> tuple[tuple[Place, Place], ...]:
+    """Opposite ends of the field from the lens's axis: left and right, below and above, of both diagonals [mm].
+
+    Those beyond the radius to which light reaches lie on that circle, in the same directions.
+    """
     (x0, y0), (x1, y1) = field
     x, y = (x0 + x1) / 2, (y0 + y1) / 2
-    return ((x0, y), (x1, y)), ((x, y0), (x, y1)), ((x0, y0), (x1, y1)), ((x0, y1), (x1, y0))
+    pairs = ((x0, y), (x1, y)), ((x, y0), (x, y1)), ((x0, y0), (x1, y1)), ((x0, y1), (x1, y0))
+    return tuple((_lit_part(*one, lit), _lit_part(*other, lit)) for one, other in pairs)
 
 
-def _of_ends(c: Camera, field: SensorField) -> tuple[tuple[ChiefRays, ChiefRays], ...]:
+def _lit_part(x: Array, y: Array, lit: Number) -> Place:
+    """A place or, beyond the radius to which light reaches, where the way to it leaves that circle."""
+    if np.all(lit == np.inf):
+        return x, y
+    away = np.sqrt(x * x + y * y)  # complex numbers, too: derivatives
+    dark = away.real > np.asarray(lit).real
+    share = np.where(dark, np.where(np.asarray(lit).real > 0, lit, 0.0) / np.where(dark, away, 1.0), 1.0)
+    return share * x, share * y
+
+
+def _of_ends(c: Camera, field: SensorField, lit: Number) -> tuple[tuple[ChiefRays, ChiefRays], ...]:
     """Chief rays of the field's `ends`, in that order."""
-    every = [place for pair in ends(field) for place in pair]
+    every = [place for pair in ends(field, lit) for place in pair]
     x, y = (np.stack(np.broadcast_arrays(*axis, np.empty(c.shape))[:-1]) for axis in zip(*every, strict=True))
     rays = chief_rays(c, (x, y))
     each = [ChiefRays(*((x[k], y[k]) for x, y in rays)) for k in range(len(every))]
     return tuple(zip(each[::2], each[1::2], strict=True))
 
 
-def field_of_view(c: Camera, field: SensorField) -> Across:
+def field_of_view(c: Camera, field: SensorField, lit: Number = np.inf) -> Across:
     """Full angles between the chief rays of the field's ends, from the entrance pupil [degrees]."""
-    return Across.widest([between(a.directions, b.directions) for a, b in _of_ends(c, field)])
+    return Across.widest([between(a.directions, b.directions) for a, b in _of_ends(c, field, lit)])
 
 
-def tip_field_of_view(c: Camera, field: SensorField, ahead: Number | None) -> Across:
+def tip_field_of_view(c: Camera, field: SensorField, ahead: Number | None, lit: Number = np.inf) -> Across:
     """Full angles under which the middle of the tip sees the field on a plane `ahead` of it [degrees].
 
     None is the focal plane.
@@ -79,13 +93,13 @@ def tip_field_of_view(c: Camera, field: SensorField, ahead: Number | None) -> Ac
     def direction(rays: ChiefRays) -> Array:
         return np.stack(np.broadcast_arrays(*rays.on_plane(c.tip + away), away), axis=-1)
 
-    return Across.widest([between(direction(a), direction(b)) for a, b in _of_ends(c, field)])
+    return Across.widest([between(direction(a), direction(b)) for a, b in _of_ends(c, field, lit)])
 
 
-def object_field(c: Camera, field: SensorField, ahead: Number | None) -> Across:
+def object_field(c: Camera, field: SensorField, ahead: Number | None, lit: Number = np.inf) -> Across:
     """Width, height and diagonal of the field on a plane `ahead` of the tip, or the focal plane if None [mm]."""
     z = _plane(c, ahead)
-    return Across.widest([_apart(a.on_plane(z), b.on_plane(z)) for a, b in _of_ends(c, field)])
+    return Across.widest([_apart(a.on_plane(z), b.on_plane(z)) for a, b in _of_ends(c, field, lit)])
 
 
 def _plane(c: Camera, ahead: Number | None) -> Number:
@@ -98,6 +112,13 @@ def _apart(one: Places, other: Places) -> Array:
     with np.errstate(invalid="ignore"):  # of rays along the plane, which meet it nowhere
         away = [np.where(np.isinf(a) | np.isinf(b), np.inf, a - b) for a, b in zip(one, other, strict=True)]
     return np.asarray(np.hypot(*away))
+
+
+def apart(field: SensorField, lit: Number = np.inf) -> Across:
+    """Width, height and diagonal of the field on the array [mm]."""
+    return Across.widest(
+        [np.sqrt((x1 - x0) ** 2 + (y1 - y0) ** 2) for (x0, y0), (x1, y1) in ends(field, lit)]
+    )  # complex numbers, too: derivatives
 
 
 def focus_ahead(c: Camera) -> Array:

@@ -144,21 +144,33 @@ def _over_field(form: Callable[[Camera, Depth, SensorField], Array]) -> dict[str
     return {"of": lambda c, at: form(c, at, light.sensor_field(c)), "over": form}
 
 
-def _half_field(way: Literal["width", "height", "diagonal"]) -> Callable[[Camera, Depth, SensorField], Array]:
-    """Half of what the sensor sees of a plane, over its width, height or diagonal."""
+def _over_lit(form: Callable[[Camera, Depth, SensorField, Number], Array]) -> dict[str, Any]:
+    """`Quantity.of` and `Quantity.over` of what hangs on how much of that is lit, of a dark camera one microlens."""
+    return {
+        "of": lambda c, at: form(c, at, light.sensor_field(c), np.maximum(vignetting.lit_radius(c), c.d / 2)),
+        "over": lambda c, at, field: form(c, at, field, np.inf),
+        "lit": True,
+    }
 
-    def of(c: Camera, at: Depth, field: SensorField) -> Array:
-        if not c.chain.bends_rays:
-            half = field.half_diagonal if way == "diagonal" else field.half[way == "height"]
-            return product(half, light.object_scale(c, at))
-        return np.asarray(getattr(field_of_view.object_field(c, field, at), way) / 2)
+
+def _half_field(way: Literal["width", "height", "diagonal"]) -> Callable[[Camera, Depth, SensorField, Number], Array]:
+    """Half of what the sensor sees, lit, of a plane, over its width, height or diagonal."""
+
+    def of(c: Camera, at: Depth, field: SensorField, lit: Number) -> Array:
+        if c.chain.bends_rays:
+            return np.asarray(getattr(field_of_view.object_field(c, field, at, lit), way) / 2)
+        half = field.half_diagonal if way == "diagonal" else field.half[way == "height"]
+        dark = np.real(field.radius) > np.real(lit)
+        if np.any(dark):
+            half = np.where(dark, getattr(field_of_view.apart(field, lit), way) / 2, half)
+        return product(half, light.object_scale(c, at))
 
     return of
 
 
 def _half_fields() -> Iterator[Quantity]:
-    """Half of what the sensor sees of a plane, over its width, height and diagonal."""
-    plane = "that the sensor sees, at a distance ahead of the tip or at the focal plane"
+    """Half of what the sensor sees, lit, of a plane, over its width, height and diagonal."""
+    plane = "that the sensor sees, lit, at a distance ahead of the tip or at the focal plane"
     ways: tuple[tuple[Literal["width", "height", "diagonal"], str, str | None], ...] = (
         ("width", f"half the width {plane}, of traced chief rays", "on the focal plane"),
         ("height", f"half the height {plane}", None),
@@ -169,7 +181,7 @@ def _half_fields() -> Iterator[Quantity]:
             f"field_half_{way}_mm",
             "mm",
             words,
-            **_over_field(_half_field(way)),
+            **_over_lit(_half_field(way)),
             of_rays=lambda rays, at, way=way: rays.half_field(way, at),  # type: ignore[misc]
             at="optional",
             traced=True,
@@ -178,10 +190,11 @@ def _half_fields() -> Iterator[Quantity]:
         )
 
 
-def _half_angle(c: Camera, _: Depth, field: SensorField) -> Array:
+def _half_angle(c: Camera, _: Depth, field: SensorField, lit: Number) -> Array:
     if not c.chain.bends_rays:
-        return np.asarray(np.rad2deg(1.0) * light.field_angle(c, field.half[0]))
-    return field_of_view.field_of_view(c, field).width / 2
+        half = np.minimum(field.half[0], np.maximum(lit, 0.0))
+        return np.asarray(np.rad2deg(1.0) * light.field_angle(c, half))
+    return field_of_view.field_of_view(c, field, lit).width / 2
 
 
 def _least(values: Array) -> Array:
@@ -229,7 +242,12 @@ def image_rate(c: Camera, at: Depth | Array) -> Array:
 def _angles(start: Literal["entrance pupil", "tip"]) -> Iterator[Quantity]:
     """Angles of view over the field's diagonal, width and height."""
     from_tip = start == "tip"
-    of = field_of_view.tip_field_of_view if from_tip else lambda c, field, _: field_of_view.field_of_view(c, field)
+
+    def of(c: Camera, field: SensorField, at: Depth, lit: Number) -> field_of_view.Across:
+        if from_tip:
+            return field_of_view.tip_field_of_view(c, field, at, lit)
+        return field_of_view.field_of_view(c, field, lit)
+
     medium = "at a distance ahead of it or at the focal plane" if from_tip else "in the medium of the scene"
     for part, way, label, seen in (
         ("", "diagonal", "full", "full (diagonal)"),
@@ -239,8 +257,8 @@ def _angles(start: Literal["entrance pupil", "tip"]) -> Iterator[Quantity]:
         yield Quantity(
             f"{'tip_' if from_tip else ''}field_of_view_{part}deg",
             "deg",
-            f"full angle of view over the field's {way}, from the {start}, {medium}",
-            **_over_field(lambda c, at, field, way=way: np.asarray(getattr(of(c, field, at), way))),  # type: ignore[misc]
+            f"full angle of view over the field's {way}, as far as it is lit, from the {start}, {medium}",
+            **_over_lit(lambda c, at, field, lit, way=way: np.asarray(getattr(of(c, field, at, lit), way))),  # type: ignore[misc]
             label=f"field of view{' from the tip' if from_tip else ''}, {label}",
             sheet=Listed(
                 "Field of view",
@@ -356,7 +374,7 @@ def _centre_shift(images: MicrolensImages) -> Number:
     return ((x1 - x0) * cos + (y1 - y0) * sin) / camera.q
 
 
-_ROUND: dict[str, Any] = {**_NEITHER, "least": 0.0}
+_ROUND: dict[str, Any] = {**_NEITHER, "least": 0.0, "lit": True}
 
 
 _EVERY = (
@@ -542,8 +560,8 @@ _EVERY = (
     Quantity(
         "field_half_angle_deg",
         "deg",
-        "half the angle of view along the width, from the entrance pupil, in the medium of the scene",
-        **_over_field(_half_angle),
+        "half the angle of view along the width, as far as it is lit, from the entrance pupil, in the scene's medium",
+        **_over_lit(_half_angle),
         monotone=False,
         traced=True,
         label="half angle of view",

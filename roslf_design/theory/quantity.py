@@ -130,6 +130,8 @@ class Quantity(BriefValue):
     over: Callable[[Camera, Depth, SensorField], Array] | None = None
     """Function of a given rectangle of the array, for a quantity that depends on how much of it the sensor sees.
     `monotone` is then about this function, and the rectangle's ends are further lengths in which it rises or falls."""
+    lit: bool = False
+    """Whether it ends where light does: `over`, of all of the rectangle, is then the most that it can be."""
 
     def __post_init__(self) -> None:
         # `times` has no share of these.

@@ -127,14 +127,21 @@ def lit_pairs(c: Camera) -> Iterator[tuple[Rim, Rim, Array]]:
     for (one, first, (x, y), way), (other, second, (u, v), way_2) in combinations(seen, 2):
         normals = [axis for outline in (first, second) if outline.straight for axis in outline.axes] or [(1.0, 0.0)]
         reach = (first.support(*axis) + second.support(*axis) for axis in normals)
-        apart = np.min(np.broadcast_arrays(*reach), axis=0)
-        radius = ratio(apart - left - np.hypot(x - u, y - v), magnitude(way - way_2))
-        yield one, other, np.where(np.isnan(radius), np.inf, radius)
+        room = np.min(np.broadcast_arrays(*reach), axis=0) - left
+        room = room - np.sqrt((x - u) ** 2 + (y - v) ** 2)  # complex numbers, too: derivatives
+        parting = magnitude(way - way_2)
+        never = np.real(parting) == 0
+        radius = np.where(never, np.inf, room / np.where(never, 1.0, parting))
+        yield one, other, np.where(never & (np.real(room) < 0), -np.inf, np.where(np.isnan(radius), np.inf, radius))
 
 
 def lit_radius(c: Camera) -> Array:
     """Radius on the array within which a field counts as lit [mm]; below 0 where none does."""
-    return np.asarray(np.min(np.broadcast_arrays(*(radius for *_, radius in lit_pairs(c))), axis=0))
+    if lit_radius not in c.worked_out:  # several quantities of a camera hang on it
+        radii = (radius for *_, radius in lit_pairs(c))
+        c.worked_out[lit_radius] = np.asarray(np.min(np.broadcast_arrays(*radii), axis=0))
+    radius: Array = c.worked_out[lit_radius]
+    return radius
 
 
 def lit_field(c: Camera, field: SensorField) -> SensorField:

@@ -202,9 +202,20 @@ def test_a_round_field_ends_where_exact_areas_leave_a_third_of_its_light(changes
     assert value == pytest.approx(np.min(np.hypot(*rim.on_plane(ahead))), rel=1e-9)
     seen = FieldImages.of(design.replace({f"{part}.size": [80.0, 80.0] for part in ("sensor", "microlens_array")}))
     slope = radius * (design.d_f / design.d_1) / (design.d_f - design.d_3)
+    answer = roslf.evaluate(seen.design).answer
+    assert answer.at[0].field.endswith("mm round")
+    assert "lit no farther, the sensor spans" in answer.rows[0][2]
     if "aperture.decentre" not in changes:
-        assert seen.lit_angles == pytest.approx([2 * math.degrees(math.atan(slope))] * 3, rel=1e-9)
-    assert "lit over" in roslf.evaluate(seen.design).answer.rows[0][2]
+        across = 2 * math.degrees(math.atan(slope))
+        view = answer.field_of_view_deg
+        assert (view.width, view.height, view.diagonal) == pytest.approx([across] * 3, rel=1e-9)
+        names = ("field_of_view_width_deg", "field_of_view_height_deg", "field_of_view_deg")
+        assert [float(roslf.quantity(name)(wide)) for name in names] == pytest.approx([across] * 3, rel=1e-9)
+        object_radius = radius * design.d_f / design.d_1
+        for way in ("width", "height", "diagonal"):
+            half = float(roslf.quantity(f"field_half_{way}_mm")(wide))
+            assert half == pytest.approx(object_radius, rel=1e-9)
+            assert getattr(answer.at[0], f"{way}_mm") == pytest.approx(2 * object_radius, rel=1e-9)
 
 
 def test_a_rim_that_a_real_lens_loses_is_missed_by_what_it_shows():

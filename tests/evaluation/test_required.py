@@ -688,7 +688,7 @@ required.detail_lp_per_mm = {at = "15 mm", min = 8}
 @pytest.mark.parametrize(
     ("side", "way", "low", "outcome"),
     [
-        ("9.3 mm", "width", "4.5 mm", "met with a dark corner"),
+        ("9.3 mm", "width", "4.5 mm", "as required"),
         ("5 mm", "width", "2.5 mm", "as required"),
         ("9.3 mm", "diagonal", "6.6 mm", "not as required"),
     ],
@@ -697,7 +697,7 @@ def test_a_field_that_is_required_is_one_that_gets_light(side, way, low, outcome
     text = OTOSCOPE.replace("SIDE", side).replace("LOW", low).replace("half_width", f"half_{way}")
     (told, *_) = roslf.evaluate(loads(text)).verdicts
     assert told.text.startswith(outcome + ":"), told.text
-    assert ("dark at the edge of what is required" in told.text) == (outcome == "not as required")
+    assert ("leave less than a third of the pencils" in told.remedy) == (outcome == "not as required")
 
 
 def test_no_remedy_puts_the_pupil_ahead_of_the_tip_that_distances_count_from():

@@ -307,12 +307,15 @@ def _lines(
     ways = {"": "diagonal", "width_": "width", "height_": "height"}
     angles = {f"field_of_view_{part}deg": getattr(pupil, way) for part, way in ways.items()}
     angles |= {f"tip_field_of_view_{part}deg": getattr(tip, way) for part, way in ways.items()}
-    shares = zip(("width_", "height_", ""), shown.lit_angles, strict=True)
-    lit_over = {f"field_of_view_{part}deg": angle for part, angle in shares}
+    spans = {}
+    if (sensor := shown.dark_beyond) is not None:
+        spans = {
+            f"field_of_view_{part}deg": f"; the sensor spans {number(getattr(sensor, way), 4)} deg"
+            for part, way in ways.items()
+        }
     for angle in _whole_camera("Field of view", camera, angles):
-        to = lit_over.get(angle.quantity)
-        ends = "" if to is None else f"lit over {number(to, 4)} deg, beyond that less than a third of its pencils"
-        yield angle._replace(remark=clauses(ends, angle.remark))
+        dark = f"lit no farther{spans.get(angle.quantity, '')}" if spans and angle.quantity in angles else ""
+        yield angle._replace(remark=clauses(dark, angle.remark))
     near, far = sheet.depth_of_field_mm.view
     useful = math.nan if sheet.useful_to_mm is None else sheet.useful_to_mm
     within = WorkingRange(near, far, useful, budgets[None].lengths, full_within(camera))
@@ -327,7 +330,7 @@ def _lines(
         at = f"at {number(field.at_mm, 4)} mm ({field.plane})"
         focal = field.plane == FOCUS
         plane = None if focal else field.at_mm
-        up = f"height {number(field.height_mm, 4)} mm"
+        up = f"height {number(field.height_mm, 4)} mm{', lit no farther' if spans else ''}"
         across = partial(_at_distance, QUANTITIES["field_half_width_mm"], plane, 2.0)
         yield _SheetLine("Object field", f"width {at}", field.width_mm, "mm", up, of=across)
         for quantity, line in _listed("Object field"):
@@ -358,8 +361,8 @@ def _lines(
     width, height = sheet.pixels
     yield _SheetLine("Sampling", "pixels", None, "", "", text=f"{width} x {height}")
     yield from _whole_camera("Sampling", camera, {})
-    samples = "{} x {}".format(*sheet.object_samples)
-    yield _SheetLine("Sampling", "object samples", None, "", "microlenses that the sensor sees", text=samples)
+    samples, lit_of = "{} x {}".format(*sheet.object_samples), ", lit" if spans else ""
+    yield _SheetLine("Sampling", "object samples", None, "", f"microlenses that the sensor sees{lit_of}", text=samples)
     if sheet.colours:
         yield from _colour_lines(design, sheet.colours)
     yield from _whole_camera("Body", camera, {})
