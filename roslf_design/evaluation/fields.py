@@ -15,6 +15,7 @@ from .._jit import ahead
 from ..accuracy.statement import check_accuracy
 from ..camera import Camera
 from ..design import Design
+from ..design.assembly import Placed
 from ..design.required import ROUND_ANGLE, ROUND_RADIUS, Required
 from ..errors import InputError
 from ..fates import ImageFate, RayFate
@@ -453,7 +454,8 @@ def _cuts_by_rays(design: Design) -> list[dict[str, Any]]:
     """
     camera = Camera.of(design)
     asked, corners = field_of_view.judged_field(camera), on_array(camera, judged_field(design).corners).tolist()
-    places = {at.name: at.place for at in (*design.openings, *design.in_bore)}
+    standing: tuple[Placed[Any], ...] = (*design.openings, *design.in_bore)
+    places = {at.name: at.place for at in standing}
     free = {"tube": None, **{f"{opening.place}.bore": False for opening in design.openings if opening.part.bore}}
     for share in GROWN:
         low, high = ((share * x, share * y) for x, y in asked)

@@ -503,8 +503,9 @@ def _culprit(quantity: Quantity, camera: Camera, have: float, low: float | None)
         sensor = f"about a sensor {on_side(wider, True, 3)} times as {side} sees that"
         return f"{sensor}{_beyond_tube(quantity, camera, wider)}, or a main lens so many times shorter"
     if quantity.name == ROUND_RADIUS:
-        wider = on_side(low / have, True, 3)
-        return f"the sensor ends it: about one {wider} times as wide on its nearest side sees that"
+        return (
+            f"the sensor ends it: about one {on_side(low / have, True, 3)} times as wide on its nearest side sees that"
+        )
     if quantity.unit == "lp/mm":
         pitch = on_side(1e3 * float(camera.d) * have / low, False, 3)
         return f"microlenses of {pitch} um, not {length(float(camera.d))}, sample {low:g} lp/mm there"

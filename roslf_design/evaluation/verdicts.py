@@ -265,11 +265,11 @@ def walled(shown: FieldImages, camera: Camera) -> tuple[Verdict, ...]:
             told.append((float(left[worst]), float(kept[worst]), end, ahead))
     if not told:
         return ()
-    left, whole, end, ahead = min(told)
+    share, whole, end, ahead = min(told)
     where = number(ahead, 6)
     text = (
         f"the tube's inside counts as no opening: its {end}, {where} mm before the lens and "
-        f"{number(float(tube.room(camera, ahead)), 4)} mm wide, would leave {percent(left)} of an image at the end of "
+        f"{number(float(tube.room(camera, ahead)), 4)} mm wide, would leave {percent(share)} of an image at the end of "
         f"the field, of {percent(whole)} as counted"
     )
     remedy = f'to count it: [[stops]] distance = "{where} mm", bore = true, and no diameter'

@@ -160,7 +160,7 @@ def _half_field(way: Literal["width", "height", "diagonal"]) -> Callable[[Camera
         if c.chain.bends_rays:
             return np.asarray(getattr(field_of_view.object_field(c, field, at, lit), way) / 2)
         half = field.half_diagonal if way == "diagonal" else field.half[way == "height"]
-        dark = np.real(field.radius) > np.real(lit)
+        dark = np.asarray(np.real(field.radius) > np.asarray(np.real(lit)))
         if np.any(dark):
             half = np.where(dark, getattr(field_of_view.apart(field, lit), way) / 2, half)
         return product(half, light.object_scale(c, at))
