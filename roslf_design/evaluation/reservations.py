@@ -22,8 +22,9 @@ from ..theory.focused import has_views, pupil_remedy
 from ..theory.photometry import electrons, exposure
 from ..theory.quantities import NO_LENS_MOVES, QUANTITIES, quantity_named
 from ..theory.quantity import FEASIBLE, Quantity
+from ..theory.vignetting import passed_radius
 from ..traced.fields import images_of
-from ..words import clauses, length, number, on_side, percent, the, uncertainty
+from ..words import clauses, length, listed, number, on_side, percent, the, uncertainty
 from .remedies import Holds, reaching
 from .specification import FieldImages, ends_of, view_fold
 
@@ -62,6 +63,8 @@ OF_LIGHT = "relative_illumination", "kept_fraction"
 """Quantities of single microlenses' light."""
 HELD = "in the middle it is held"
 """Words on a depth that only the end of the field misses."""
+PAST_BORE = 1.02
+"""Times what first order lets through a bore from which on a field is told to be beyond it: glass shifts steep rays."""
 ALL_BUT = 0.99
 """Share of the full well up to which depth is looked for in more light."""
 FLAT = 179.0
@@ -346,7 +349,7 @@ def _cause(one: Judged) -> Judged:
     if one.met or one.undefined:
         return one
     slip = _slip_of_unit(one.asked, one.low, one.high, one.value, one.quantity.unit)
-    rim = one.shown.light_end(one.quantity) if one.low is not None and one.value < one.low else ""
+    rim = "" if one.low is None or one.value >= one.low else _past_bore(one) or one.shown.light_end(one.quantity)
     have = one.fold if one.of_detail and not one.seen.sampled else one.value
     culprit = rim or _culprit(one.quantity, one.camera, have, one.low)
     return replace(one, remedy=clauses(slip, culprit, one.remedy or WAYS * bool(slip or culprit)))
@@ -406,6 +409,17 @@ def _darkness(shown: FieldImages, quantity: Quantity, low: float | None, value: 
     else:
         ends = low / value * shown.ends.fields[ends_of(quantity)]
     return not np.all(QUANTITIES["relative_illumination"].at_fields(images_of(shown.design, ends)) > 0)
+
+
+def _past_bore(one: Judged) -> str:
+    """Words on a field wider than rays through the bore reach, whatever the lens, and the remedy; empty of others."""
+    if not one.quantity.name.startswith((ROUND_RADIUS, "field_half")) or one.low is None:
+        return ""
+    most, pair = passed_radius(one.camera, one.at)
+    if one.low <= PAST_BORE * most:
+        return ""
+    both = listed([the(name) for name in dict.fromkeys(rim.opening.partition(",")[0] for rim in pair)])
+    return f"no ray passes {both} beyond {number(most, 4)} mm there, whatever the lens: a wider or shorter bore"
 
 
 def _slip_of_unit(asked: Required, low: float | None, high: float | None, value: float, unit: str) -> str:

@@ -7,6 +7,7 @@ at distance 0, which is Eq. 6.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from itertools import combinations
 from typing import Any, NamedTuple
@@ -142,6 +143,36 @@ def lit_radius(c: Camera) -> Array:
         c.worked_out[lit_radius] = np.asarray(np.min(np.broadcast_arrays(*radii), axis=0))
     radius: Array = c.worked_out[lit_radius]
     return radius
+
+
+def passed_radius(c: Camera, at: float | None = None) -> tuple[float, tuple[Rim, ...]]:
+    """Radius beyond which no ray from a plane passes two of the openings, and these; inf where nothing ends it so.
+
+    To first order, whatever the main lens images: by the ray from one rim through the opposite side of the next.
+
+    Parameters
+    ----------
+    c : Camera
+        One build.
+    at : float, optional
+        Distance of the plane ahead of the bore's tip [mm]; None is the focal plane.
+    """
+    plane = c.focus if at is None else c.plane_ahead(at)
+    far = float(c.seen.d_f if at is None else plane.distance)
+    if c.chain.mapped or not 0 < far < math.inf:
+        return math.inf, ()
+    upright = [rim for rim in c.openings if not (rim.leans or np.any(rim.behind)) and float(rim.distance) < far]
+    upright.sort(key=lambda rim: float(rim.distance))
+    reaches = []
+    for near, outer in combinations(upright, 2):
+        one, other = (float(rim.radius) + math.hypot(*map(float, c.decentre(rim.part))) for rim in (near, outer))
+        apart = float(outer.distance) - float(near.distance)
+        if apart > 0:
+            reaches.append((other + (one + other) * (far - float(outer.distance)) / apart, (near, outer)))
+    if not reaches:
+        return math.inf, ()
+    radius, pair = min(reaches, key=lambda reach: reach[0])
+    return radius * float(magnitude(plane.magnification)), pair
 
 
 def lit_field(c: Camera, field: SensorField) -> SensorField:
