@@ -272,8 +272,8 @@ class FirstAnswer:
             "" if bare is None else f"uncalibrated {uncertainty(bare, 3, '± ')}",
             by=", ",
         )
-        known = f"{told} (U in the focal plane)" if told else f"{command} gives U with them"
-        return f"errors of lengths not counted: {known}"
+        known = f"{told} (U in the focal plane)" if told else f"{command} adds them"
+        return f"errors of lengths not in U: {known}"
 
     @property
     def rows(self) -> tuple[Row, ...]:

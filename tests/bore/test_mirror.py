@@ -21,7 +21,7 @@ from roslf_design.imaging.trace import RaySampling, Tracer
 from roslf_design.reporting.design.instrument import instrument_scene
 from roslf_design.scenes import Scene
 from roslf_design.theory.chief_rays import chief_rays
-from roslf_design.theory.light import sensor_field
+from roslf_design.theory.light import object_scale, sensor_field
 from roslf_design.theory.object_space import ObjectSpaceFaces
 from roslf_design.traced.camera import camera_of, views
 from tests.bore.folded import Folded, SphericalLens, area, from_sensor, outline_by_rays, turned_towards
@@ -176,8 +176,10 @@ def test_the_undistorted_field_and_the_room_against_rays_of_the_pencils_rim(angl
 
     assert bound.limited_by == "mirror 1"
     assert_allclose(farthest(bound.x0_max_mm), diameter / 2, rtol=0, atol=1e-3)
-    x, y = sensor_field(Camera.of(design)).corners.T
-    rooms = diameter / 2 - farthest(bound.field_half_diagonal_mm, np.arctan2(y, x))
+    camera = Camera.of(design)
+    x, y = sensor_field(camera).corners.T
+    half = float(object_scale(camera) * sensor_field(camera).half_diagonal)  # of all that the sensor sees, lit or not
+    rooms = diameter / 2 - farthest(half, np.arctan2(y, x))
     assert_allclose(bound.room_at_corner_mm, rooms, rtol=0, atol=1e-3)
 
 

@@ -595,6 +595,7 @@ def test_behind_a_real_lens_the_explorer_tells_what_evaluate_tells(name, warmed)
     design = load(name).replace(warmed)
     result, session = evaluate(design), Session(design)
     u = f"{short(float(result.depth_budget.u_z_mm), 3)} mm"
+    expanded = f"{short(2 * float(result.depth_budget.u_z_mm), 3)} mm"
 
     async def play():
         session.opened("", "light", {})
@@ -615,8 +616,8 @@ def test_behind_a_real_lens_the_explorer_tells_what_evaluate_tells(name, warmed)
     first, map_first, later, last = asyncio.run(play())
     # Depth is the one of the lens's own glass at once, in words and in both pictures.
     for page in (first, last):
-        words = "Depth, expected, lengths as drawn, in the plane in focus: u = "
-        assert page["depth_known"]["text"].startswith(words + u)
+        words = "Depth, expected, lengths as drawn, in the plane in focus: U = ± "
+        assert page["depth_known"]["text"].startswith(words + expanded)
         assert f": {u} at the focal plane" in page["picture_depth"]
         assert f": {u} at its centre" in page["picture_depth_field"]
     # What rays tell waits for them.

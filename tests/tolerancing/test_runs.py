@@ -400,7 +400,7 @@ def test_the_command_writes_all_its_files_and_json(tmp_path, capsys):
     assert (data["trials"], data["seed"]) == (5000, 8)
     built = {term["name"]: term["u_mm"] for term in data["depth_expected"]["terms"]}["lengths as built"]
     assert 0 < built <= data["depth_expected"]["u_z_mm"]
-    assert f"u = {data['depth_expected']['u_z_mm']:.3g} mm" in (tmp_path / "out" / "summary.txt").read_text()
+    assert f"U = ± {2 * data['depth_expected']['u_z_mm']:.3g} mm" in (tmp_path / "out" / "summary.txt").read_text()
     assert data["accuracy"].pop("seconds") > 0  # printed only: files repeat themselves
     assert data == json.loads((tmp_path / "out" / "results.json").read_text())
     names = {path.name for path in (tmp_path / "out").iterdir()}

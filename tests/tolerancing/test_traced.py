@@ -15,7 +15,7 @@ from roslf_design.evaluation.specification import FieldImages, FieldOfView, Obje
 from roslf_design.fates import ImageFate
 from roslf_design.lenses.prescription import first_order
 from roslf_design.reporting.story import _run_tolerances
-from roslf_design.reporting.tolerance.pages import headline
+from roslf_design.reporting.tolerance.pages import statements
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.metrics import METRICS, Question, builds_of, evaluate_builds, faults_of
 from roslf_design.tolerancing.places import LENS, LENSLETS, load_grades, nominal_values, perturbable
@@ -383,7 +383,7 @@ def test_the_undistorted_field_of_builds_begins_at_the_one_that_rays_through_the
         result = _run_tolerances({**data, "design": design}, budgets=False)
         assert any("undistorted_field_mm; what wedges" in w for w in result.warnings) == behind
         assert not any("undistorted_field_mm is not traced" in w for w in result.warnings)
-        first = headline(result)  # beside the yield that is judged so, with the remedy
+        first = next(statements(result)).text  # ahead of all remedies
         assert (
             first.startswith("Undistorted field radius (37.65 nominal) is of rays through the nominal lens")
             == ("non_distortion_room_mm at a field" in first)

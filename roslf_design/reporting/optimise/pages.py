@@ -401,7 +401,7 @@ def _about_bore(result: Result) -> Statement:
         text += (
             f". That is out to {pupil.dark_beyond_mm:.4g} mm from the axis on the array, of {pupil.seen_to_mm:.4g} mm "
             "that the sensor sees: farther out the bore leaves less than a third of the pencils, which one stop cannot "
-            "show, so that fields told behind it are too large"
+            "show, so that fields behind it come out too large"
         )
         remedy = "Give the bore's rims to the design ([[stops]], bore = true): they then cut fields and images."
     if not pupil.settled:

@@ -29,7 +29,7 @@ from ...theory.tube import WIDTHS, unsaid_bore
 from ...tolerancing.budgets import Change, ToleranceBudget
 from ...tolerancing.clearances import Missed, tight_clearances
 from ...tolerancing.draws import Perturbation
-from ...tolerancing.metrics import DISTANT, METRICS
+from ...tolerancing.metrics import DISTANT, METRICS, mount_of
 from ...tolerancing.places import CALIBRATION, display, perturbable, short_name
 from ...tolerancing.result import (
     KNOWN_LENGTHS,
@@ -147,7 +147,7 @@ def _tolerance_section(result: StudyResult, command: str = "", *, first_look: bo
     limits, *others = tables(result)
     answer = replace(_yield_statement(result, first_look=first_look), remedy="")
     head = answer if first_look else replace(answer, text=f"{headline(result)}.")  # the table tells the rest
-    blocks += [Statements((head,)), limits, Statements(tuple(statements(result, first_look)))]
+    blocks += [Statements((head,)), limits, Statements((*statements(result, first_look), *_known_to(result)))]
     weakest, adjusted = in_words(result.final.weakest.label), ", after adjustment" if len(result.variants) > 1 else ""
     for name, picture in tolerance_pictures(result).items():
         title, caption = FIGURES[name]
@@ -425,6 +425,7 @@ def measured_words(plan: TolerancePlan, tally: Tally) -> str:
 
 def statements(result: StudyResult, first_look: bool = False) -> Iterator[Statement]:
     """Remedies of the yield, unless it is by default limits, and what is to be known of it."""
+    yield from (Statement("caution", words.sentence(text)) for text in _untraced(result))
     if not first_look and (remedy := mends(result)):
         yield Statement("plain", remedy)
     if lost := impossible_words(result.final):
@@ -456,6 +457,33 @@ def statements(result: StudyResult, first_look: bool = False) -> Iterator[Statem
         yield Statement(
             "plain", f"Every build {_of_those(result)}holds every limit; least margin is left to {weakest}."
         )
+
+
+def _known_to(result: StudyResult) -> Iterator[Statement]:
+    """Statement on how well a study knows its numbers, where it says."""
+    if result.precision is not None:
+        accuracy = result.precision.accuracy
+        yield Statement("caution" if accuracy.kept is False else "plain", words.sentence(accuracy.sentence(False)))
+
+
+def _untraced(result: StudyResult) -> Iterator[str]:
+    """Words on limits that no ray through each build's lens judges, each with what to do about it."""
+    plan, columns = result.plan, {column.label: column for column in result.final.distributions}
+    thin = {columns[limit.label].column.metric: columns[limit.label] for limit in result.final.limits}
+    for name, left_out in plan.by_formula.items():
+        if name in thin:
+            yield (
+                f"{in_words(name)} ({number(thin[name].nominal)} nominal) is judged by the thin-lens model, which "
+                f"`roslf evaluate` overrules by rays: it leaves out {left_out}"
+            )
+    for column in plan.by_rays:
+        if column.metric in thin and column.metric in mount_of(plan.question.design).left_out:
+            yield (
+                f"{in_words(column.metric)} ({number(thin[column.metric].nominal)} nominal) is of rays through the "
+                "nominal lens; builds change from there as their thin-lens models do, by .4 to .9 of what rays through "
+                "each say behind the paper's singlet: leave it a margin, or hold non_distortion_room_mm at a field, "
+                "which is traced"
+            )
 
 
 def _of_those(result: StudyResult) -> str:
