@@ -359,11 +359,12 @@ def _uncounted(plan: TolerancePlan, final: Variant, required: Sequence[Requireme
 
 
 def yield_of_all(plan: TolerancePlan, final: Variant, required: Sequence[Requirement]) -> Yield:
-    """Yield of everything required: a study's limits and, over its first builds, what else builds tell."""
+    """Yield of everything required: of a study's limits, or of its first builds where what else counts takes some."""
     if not (more := _uncounted(plan, final, required)):
         return final.result
-    holds = _meeting(plan, more)[0] & holding(plan, first_deviations(plan, MANY))
-    return Yield(int(holds.sum()), holds.size)
+    own = holding(plan, first_deviations(plan, MANY))
+    lost = own & ~_meeting(plan, more)[0]
+    return Yield(int((own & ~lost).sum()), own.size) if lost.any() else final.result
 
 
 def _meeting(plan: TolerancePlan, told: Sequence[Requirement]) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Array]:

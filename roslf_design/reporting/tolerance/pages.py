@@ -33,6 +33,7 @@ from ...tolerancing.metrics import DISTANT, METRICS, mount_of
 from ...tolerancing.places import CALIBRATION, display, perturbable, short_name
 from ...tolerancing.result import (
     KNOWN_LENGTHS,
+    MANY,
     AdjusterUse,
     StudyResult,
     WorstTrial,
@@ -184,7 +185,7 @@ def headline(result: StudyResult, judged: bool = True) -> str:
         adjusted += "; as if calibration left no error of depth: its `error` states what it leaves"
     adjusted += ")" * bool(adjusted)
     of = f"{all_of_it.trials:,} Monte Carlo units (builds), seed {plan.draws.seed}"
-    if result.uncounted:
+    if all_of_it != own:
         alone = f"{100 * own.value:.2f} %{adjusted} of {own.trials:,}"
         of, adjusted = f"the first {of}, by everything required; by the study's own limits {alone}", ""
     return f"{_yield_words(result, judged)}. 95 % interval {interval_words(all_of_it)} %{adjusted}, of {of}"
@@ -589,7 +590,7 @@ def _limits(result: StudyResult) -> Table:
         culprit = _places(result)[most], float(result.put_together[most])
         rows.insert(0, _LimitRow.of("can be put together", "", possible, target, culprit))
     together: list[Yield | None] = [variant.result for variant in variants]
-    if result.uncounted:
+    if result.together != result.final.result:
         rows.append(_LimitRow.of("the study's limits together", "", together, target))
         together = [*(None for _ in variants[1:]), result.together]
     every = "everything together, of all builds" if _of_those(result) else "everything together"
@@ -636,7 +637,7 @@ def _on_limits(result: StudyResult, more: bool) -> Iterator[str]:
     plan = result.plan
     count = f"Each alone, of {plan.trials:,} builds" + (", of those that can be put together" * bool(_of_those(result)))
     if result.uncounted:
-        count += f"; what no limit of the study holds, of the first {result.together.trials:,}"
+        count += f"; what no limit of the study holds, of the first {min(MANY, plan.trials):,}"
     yield f"{count}. {outcomes_words(result.study.yield_target)}"
     yield "Culprit: the tolerance with the largest part in its variance (r²)."
     if more:
