@@ -349,7 +349,8 @@ def _cause(one: Judged) -> Judged:
     if one.met or one.undefined:
         return one
     slip = _slip_of_unit(one.asked, one.low, one.high, one.value, one.quantity.unit)
-    rim = "" if one.low is None or one.value >= one.low else _past_bore(one) or one.shown.light_end(one.quantity)
+    short = one.low is not None and one.value < one.low
+    rim = clauses(_past_bore(one), one.shown.light_end(one.quantity)) if short else ""
     have = one.fold if one.of_detail and not one.seen.sampled else one.value
     culprit = rim or _culprit(one.quantity, one.camera, have, one.low)
     return replace(one, remedy=clauses(slip, culprit, one.remedy or WAYS * bool(slip or culprit)))
@@ -419,7 +420,7 @@ def _past_bore(one: Judged) -> str:
     if one.low <= PAST_BORE * most:
         return ""
     both = listed([the(name) for name in dict.fromkeys(rim.opening.partition(",")[0] for rim in pair)])
-    return f"no ray passes {both} beyond {number(most, 4)} mm there, whatever the lens: a wider or shorter bore"
+    return f"no ray passes {both} beyond {number(most, 4)} mm there, whatever the lens"
 
 
 def _slip_of_unit(asked: Required, low: float | None, high: float | None, value: float, unit: str) -> str:
