@@ -7,7 +7,6 @@ refused here: a camera that cannot be built keeps its numbers, and `Camera.valid
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -29,13 +28,11 @@ from ..design.required import ROUND_ANGLE, ROUND_RADIUS, Required
 from ..errors import expect
 from ..lenses.glass import ROOM, Glass
 from ..toml_files import nearest
-from .numbers import TEMPERATURES, TIP, TYPES, numbers_of, possible
+from .numbers import TEMPERATURES, TYPES, numbers_of, possible
 from .poses import PosedParts
 
 APPARENT = ("d_f", "d_1", "d_2", "d_3", "D_F", "H", "inverse_H", "A", "m", "inverse_m", "gap", "vergence")
 """Lengths, and what follows from them, that the main lens may see otherwise than a ruler."""
-RIM_PLACE = re.compile(r"stops\.\d+\.distance")
-"""Places of the distances of further stops."""
 
 
 class _Kind(NamedTuple):
@@ -174,9 +171,7 @@ class Camera(PosedParts):
         """Diameters, by place, of the rims that are as wide as a tube leaves them; see `Housing.room`."""
         if not self.chain.fitted:
             return {}
-        outer, tip = numbers["tube.outer_diameter"], self.chain.end(numbers)
-        for place in (TIP, PATHS["d_3"], *filter(RIM_PLACE.fullmatch, numbers)):
-            tip = np.maximum(tip, numbers[place])
+        outer, tip = numbers["tube.outer_diameter"], self._with(numbers).tip  # which asks no rim how wide it is
         inside = outer - 2 * (numbers["tube.wall"] + numbers.get("tube.light_guide", 0.0))
         wide, length = numbers.get("tube.proximal_diameter", outer), numbers.get("tube.length", math.inf)
         return {

@@ -371,3 +371,17 @@ def test_a_tube_of_another_material_than_its_head(degrees):
         loads(
             TUBED.replace(', length = "90 mm"', "").format(degrees=80, housing=steel, material=f", material = {steel}")
         )
+
+
+def test_a_tube_of_its_own_material_before_a_stop_behind_the_lens():
+    """Of 30 mm before the lens the tube holds the outer 10; the stop behind the lens has no place before it."""
+    design = load("paper").replace(
+        {
+            "aperture": {"behind": 20.0, "diameter": 5.0},
+            "stops": [{"distance": 30.0, "diameter": 40.0}],
+            "tube": {"outer_diameter": 60.0, "wall": 2.0, "length": 10.0, "material": {"expansion": STEEL}},
+            "environment": {"housing": {"expansion": TITANIUM}},
+        }
+    )
+    warm = design.at_temperature(70.0)
+    assert warm.stops[0].distance == pytest.approx(20 * (1 + 50 * TITANIUM) + 10 * (1 + 50 * STEEL), rel=1e-9)
