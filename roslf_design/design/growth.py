@@ -7,6 +7,7 @@ Glass grows as glass, all between parts as the housing, wherever light meets bot
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import reduce
@@ -25,6 +26,8 @@ from .parts import PATHS
 
 BODY = "the housing", "the main lens", "the microlenses"
 """Parts of which one at least must be of a known material for depth to be told over temperature."""
+STOP_PLACE = re.compile(r"(aperture|stops\.\d+)\.distance")
+"""Places of where openings stand."""
 NAMED_AT = dict(
     zip(BODY, ("housing in [environment]", "material in [main_lens]", "material in [microlens_array]"), strict=True)
 )
@@ -202,9 +205,8 @@ class Growth:
         return np.asarray(inside | (part == "tube" or owner in self.chain.bores))
 
     def _tip(self, numbers: Mapping[str, Number]) -> Number:
-        openings = ("aperture", *(f"stops.{k}" for k in range(len(self.chain.stops))))
-        ahead = (numbers.get(f"{at}.distance", 0.0) for at in openings)  # a stop behind the lens has none
-        return np.asarray(reduce(np.maximum, ahead, self.chain.end(numbers)))
+        stops = [value for place, value in numbers.items() if STOP_PLACE.fullmatch(place)]
+        return np.asarray(reduce(np.maximum, stops, self.chain.end(numbers)))
 
     def _spans(
         self, numbers: Mapping[str, Number], before: Number, after: Number, housing: Number, wall: Number

@@ -70,7 +70,6 @@ from .resolution import mtf_curves, resolution_map
 
 if TYPE_CHECKING:
     from ...design import Design
-    from ...theory.depth_budget import DepthBudget
     from ...theory.length_covariance import CalibratedLengths, LengthCovariance
     from ...tolerancing.study import TolerancePlan
     from ...tolerancing.summaries import Variant
