@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -22,9 +23,9 @@ from ..theory.focused import has_views, pupil_remedy
 from ..theory.photometry import electrons, exposure
 from ..theory.quantities import NO_LENS_MOVES, QUANTITIES, quantity_named
 from ..theory.quantity import FEASIBLE, Quantity
-from ..theory.vignetting import passed_radius
+from ..theory.vignetting import passed
 from ..traced.fields import images_of
-from ..words import clauses, length, listed, number, on_side, percent, the, uncertainty
+from ..words import clauses, length, number, on_side, percent, the, uncertainty
 from .remedies import Holds, reaching
 from .specification import FieldImages, ends_of, view_fold
 
@@ -416,11 +417,9 @@ def _past_bore(one: Judged) -> str:
     """Words on a field wider than rays through the bore reach, whatever the lens, and the remedy; empty of others."""
     if not one.quantity.name.startswith((ROUND_RADIUS, "field_half")) or one.low is None:
         return ""
-    most, pair = passed_radius(one.camera, one.at)
-    if one.low <= PAST_BORE * most:
-        return ""
-    both = listed([the(name) for name in dict.fromkeys(rim.opening.partition(",")[0] for rim in pair)])
-    return f"no ray passes {both} beyond {number(most, 4)} mm there, whatever the lens"
+    through = min(passed(one.camera, one.at), key=attrgetter("radius"), default=None)
+    beyond = through is not None and one.low > PAST_BORE * through.radius
+    return f"{through.words}, whatever the lens" if through is not None and beyond else ""
 
 
 def _slip_of_unit(asked: Required, low: float | None, high: float | None, value: float, unit: str) -> str:

@@ -6,6 +6,7 @@ corners, and corners are cheap. Quantities for which that does not hold bound no
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from itertools import product
@@ -215,6 +216,15 @@ def refused(combinations: Combinations) -> Iterator[Refused]:
             whole = limit.quantity.name == WHOLE
             widest = _widest_fixed(combinations, int(values.argmin()), whole) if all_too_wide else ""
             yield Refused(limit, np.flatnonzero(missed), parts, widest)
+
+
+def extremes(problem: DesignProblem, part: Constraint | Goal) -> tuple[float, float]:
+    """Least and greatest value of a part that is `prunable`, within the bounds; NaN where an image may be none."""
+    whole, n = Combinations(problem.without_goals(), (), ()), problem.n
+    with np.errstate(all="ignore"):
+        corners = _corners(whole, np.zeros(1, np.intp), np.zeros((1, n)), np.ones((1, n)))
+        least, most = (float(end[0]) if corners.certain[0] else math.nan for end in corners.extremes(part))
+    return least, most
 
 
 def ruled_out(problem: DesignProblem) -> bool:

@@ -16,6 +16,7 @@ from ..words import listed, number, on_side
 from .bounds import ruled_out
 from .goals import Constraint
 from .problem import FRESH_POINTS, DesignProblem, sobol_units
+from .reach import Unreachable
 from .search import BIG, Guard, SearchBudget, least_violation, violation_of
 
 EXPLAINING = 10_000, 10.0
@@ -119,6 +120,15 @@ class Conflict:
     """Whether pixels must be views, of microlenses that no focal length keeps focused on the pupil."""
     unjudged: tuple[str, ...] = ()
     """Labels of limits that were not looked at."""
+    bore: tuple[str, ...] = ()
+    """Words on limits beyond what the bore's rims let through, whatever the lens: known before any search."""
+
+    @classmethod
+    def by_bore(cls, unit: Array, beyond: Sequence[Unreachable]) -> Conflict:
+        """Conflict of limits with the bore, at the point that comes nearest to all others."""
+        missed = tuple(_Violation(one.limit, one.most, one.wanted, one.unit) for one in beyond)
+        words, short = tuple(one.words for one in beyond), max(one.short for one in beyond)
+        return cls(unit, short, missed, missed, proven=True, bore=words)
 
     @property
     def smallest(self) -> tuple[str, ...]:
@@ -128,6 +138,8 @@ class Conflict:
     @property
     def reason(self) -> str:
         """Reason why nothing is feasible, in words."""
+        if self.bore:
+            return "; ".join(self.bore)
         if self.undefined:
             return f"where the limits hold, {' and '.join(self.undefined)} is undefined"
         if not self.clashing:

@@ -25,6 +25,7 @@ from ..toml_files import StrictTable
 from .conflict import Conflict, explain
 from .goals import Constraint, Goal
 from .problem import APART, ROOM, DesignProblem, promising_starts, sobol_units
+from .reach import Unreachable
 from .search import (
     BIG,
     FTOL,
@@ -373,6 +374,28 @@ def _unreached(
             "free these leaves the others out"
         )
         notes.insert(0, note)
+    return _infeasible(problem, conflict, near, settings, notes)
+
+
+def refused_by_bore(problem: DesignProblem, beyond: Sequence[Unreachable], settings: Settings) -> Answer:
+    """Answer where limits lie beyond what the bore lets through: what holds the others, or comes nearest to it."""
+    others = frozenset(range(len(problem.constraints))) - {one.constraint for one in beyond}
+    rest = replace(problem.keeping(others).untraced(), thin=True)
+    near = searched(rest, _first(problem), settings.fresh(), settings.evaluations, settings.tolerance)
+    held = "holds all others that take no rays at fields" if near.feasible else "comes nearest to the others"
+    note = (
+        "no search was begun, as the bore does not let through what is asked for; the design in the file "
+        f"{held}, fields counted over all that the sensor sees, dark or not"
+    )
+    conflict = Conflict.by_bore(near.unit, beyond)
+    near = replace(near, violation=max(near.violation, conflict.violation))
+    return _infeasible(problem, conflict, near, settings, [note])
+
+
+def _infeasible(
+    problem: DesignProblem, conflict: Conflict | None, near: Search, settings: Settings, notes: Sequence[str]
+) -> Answer:
+    """Answer of a search that looked for no goals, as limits cannot be held."""
     return Answer(
         problem=problem,
         asked=problem,

@@ -47,8 +47,9 @@ from .goals import Constraint, Goal
 from .lens_variables import lens_faults, places_that_vary, varies_lens
 from .problem import DesignProblem, sobol_units, titled
 from .ranking import Ranking, rank
+from .reach import unreachable
 from .robust import Robust, RobustTable, maximise_robustness, scatter_of
-from .solve import Answer, Settings, SolverTable, Tell, optimum_accuracy, solve_by_rays
+from .solve import Answer, Settings, SolverTable, Tell, optimum_accuracy, refused_by_bore, solve_by_rays
 from .traces import Asked, Retrace, faults_behind
 from .variables import NUMBERS, NumberVariable, Variable, lengths_and_numbers, name_faults
 
@@ -473,7 +474,11 @@ def run(study: OptimizeStudy, tell: Tell = silent, keep: Callable[[Result], obje
         combined = combinations(problem)
         if not table.rims:  # whose stop is known once it is solved
             refuse_all(combined)
-    if table.rims:
+    chosen = () if table.catalogue is None else table.catalogue.kinds
+    beyond = unreachable(problem, table.rims, chosen, table.required)
+    if beyond:
+        posed, answer = problem, refused_by_bore(problem, beyond, settings)
+    elif table.rims:
         answer, bore = solve_through(problem, table.rims, settings, tell)
         problem = posed = answer.asked
     else:
@@ -491,7 +496,7 @@ def run(study: OptimizeStudy, tell: Tell = silent, keep: Callable[[Result], obje
             robust = maximise_robustness(problem, table.robust, scatter, answer.unit, settings.fresh(), tell)
         except KeyboardInterrupt:
             stopped = True
-    if going and table.catalogue is not None and not stopped:
+    if going and table.catalogue is not None and not (stopped or beyond):
         ranking = rank(
             combinations(posed), table.catalogue.keep, settings.fresh(), settings.seed, tell, settings.starts
         )

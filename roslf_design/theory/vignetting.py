@@ -8,8 +8,9 @@ at distance 0, which is Eq. 6.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from itertools import combinations
+from collections.abc import Callable, Collection, Iterator
+from itertools import combinations, permutations
+from itertools import product as pairs_of
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import ArrayLike
 from .._arrays import Array, floats, magnitude, product, ratio
 from ..camera import Camera, Rim
 from ..design.parts import PATHS
+from ..words import listed, number, the
 from .chief_rays import chief_rays
 from .leaning import leaning_radius, leaning_room
 from .light import SensorField, sensor_field
@@ -145,34 +147,74 @@ def lit_radius(c: Camera) -> Array:
     return radius
 
 
-def passed_radius(c: Camera, at: float | None = None) -> tuple[float, tuple[Rim, ...]]:
-    """Radius beyond which no ray from a plane passes two of the openings, and these; inf where nothing ends it so.
+class _TwoRims(NamedTuple):
+    """Farthest from the axis that rays through two openings get, whatever the lens does with them."""
 
-    To first order, whatever the main lens images: by the ray from one rim through the opposite side of the next.
+    radius: float
+    """On a plane [mm]."""
+    chief: float
+    """There, of the chief ray to the farthest place in focus that they reach [mm]."""
+    slope: float
+    """Tangent of that chief ray's angle to the axis."""
+    pair: tuple[Rim, Rim]
+
+    @property
+    def openings(self) -> str:
+        """The two in words."""
+        return listed([the(name) for name in dict.fromkeys(rim.opening.partition(",")[0] for rim in self.pair)])
+
+    @property
+    def words(self) -> str:
+        """Words on that."""
+        return f"no ray passes {self.openings} beyond {number(self.radius, 4)} mm there"
+
+
+def passed(c: Camera, at: float | None = None, left_out: Collection[str] = ()) -> Iterator[_TwoRims]:
+    """Farthest that rays from a plane get through each two openings: from one rim past the other side of the next.
+
+    To first order. Of several builds, the corners of a box of lengths, by exact rays and for any camera in the box.
 
     Parameters
     ----------
     c : Camera
-        One build.
+        One build or several.
     at : float, optional
         Distance of the plane ahead of the bore's tip [mm]; None is the focal plane.
+    left_out : collection of str
+        Parts whose openings are not asked.
     """
     plane = c.focus if at is None else c.plane_ahead(at)
-    far = float(c.seen.d_f if at is None else plane.distance)
-    if c.chain.mapped or not 0 < far < math.inf:
-        return math.inf, ()
-    upright = [rim for rim in c.openings if not (rim.leans or np.any(rim.behind)) and float(rim.distance) < far]
-    upright.sort(key=lambda rim: float(rim.distance))
-    reaches = []
-    for near, outer in combinations(upright, 2):
-        one, other = (float(rim.radius) + math.hypot(*map(float, c.decentre(rim.part))) for rim in (near, outer))
-        apart = float(outer.distance) - float(near.distance)
-        if apart > 0:
-            reaches.append((other + (one + other) * (far - float(outer.distance)) / apart, (near, outer)))
-    if not reaches:
-        return math.inf, ()
-    radius, pair = min(reaches, key=lambda reach: reach[0])
-    return radius * float(magnitude(plane.magnification)), pair
+    focus = np.asarray(c.seen.d_f)
+    away = focus if at is None else np.asarray(plane.distance)
+    if c.chain.mapped or not 0 < away.min() <= (far := float(away.max())) < math.inf:
+        return
+    upright = [rim for rim in c.openings if not (rim.leans or np.any(rim.behind) or np.max(rim.distance) >= far)]
+    grown, off = float(np.max(magnitude(plane.magnification))), float(np.max(np.hypot(*c.decentre("aperture"))))
+    pupils = float(np.min(c.seen.d_3)), float(np.max(c.seen.d_3))
+    for near, outer in permutations((rim for rim in upright if rim.part not in left_out), 2):
+        one, other = (rim.radius + np.hypot(*c.decentre(rim.part)) for rim in (near, outer))
+        first = float(np.min(outer.distance))
+        if first <= np.max(near.distance):
+            continue
+        # In each length it rises or falls throughout, so that its most is at a corner.
+        radius = other + _steepest(c, (one + other) / (outer.distance - near.distance)) * (away - outer.distance)
+        other, slope = np.max(other), float(_steepest(c, np.max(one + other) / (first - np.max(near.distance))))
+        # A chief ray's slope, and where it meets the plane, rise or fall throughout with the focal plane and the FAP.
+        nearest = max(float(np.min(focus, where=focus > 0, initial=math.inf)), first)
+        ends = nearest, math.inf if np.any(focus <= 0) else float(focus.max())
+        leans = [
+            (z, slope if end == math.inf else (off + other + slope * (end - first)) / max(end - z, math.ulp(0.0)))
+            for z, end in pairs_of(pupils, ends)
+        ]
+        chief = off + max(lean * (far - z) for z, lean in leans) * grown
+        yield _TwoRims(float(np.max(radius)) * grown, chief, max(lean for _, lean in leans), (near, outer))
+
+
+def _steepest(c: Camera, slope: Array) -> Array:
+    """Slope of the steepest rays between openings, from that to first order: through glass they go steeper."""
+    if not (c.shape and c.chain.elements):
+        return slope
+    return np.asarray(np.where(slope < 1, ratio(slope, np.sqrt(np.maximum(1 - slope**2, 0.0))), np.inf))
 
 
 def lit_field(c: Camera, field: SensorField) -> SensorField:

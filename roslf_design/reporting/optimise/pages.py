@@ -493,7 +493,7 @@ def _tables(result: Result) -> Iterator[Table]:
     if answer.stages:
         rows = tuple((s.goal, f"{s.value:.6g}", s.held) for s in answer.stages)
         yield Table(rows, "ldl", ("goal, in order", "best", "held for the later ones"), "Lexicographic order")
-    if answer.conflict is not None:
+    if answer.conflict is not None and answer.conflict.relaxations:
         missed = {violation.limit: f"{violation.value:.6g}" for violation in answer.conflict.violations}
         columns = (
             ("limit", "l", lambda way: way.label),
