@@ -6,6 +6,7 @@ for all combinations at once; what remains is split, and the most promising comb
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -132,8 +133,17 @@ class Ranking:
 class _Ranker:
     """Branch and bound over boxes of combinations."""
 
-    def __init__(self, combinations: Combinations, keep: int, budget: SearchBudget, seed: int, starts: int) -> None:
+    def __init__(
+        self,
+        combinations: Combinations,
+        keep: int,
+        budget: SearchBudget,
+        seed: int,
+        starts: int,
+        tell: CountedProgress = silent,
+    ) -> None:
         n, count = combinations.problem.n, len(combinations)
+        self.tell, self.began, self.all = tell, time.monotonic(), budget.evaluations
         self.combinations, self.keep, self.budget, self.seed, self.starts = combinations, keep, budget, seed, starts
         self.middle = sobol_units(n, 1, seed)[0]
         self.best: list[Ranked] = []
@@ -157,6 +167,23 @@ class _Ranker:
     def left(self) -> int:
         """Number of combinations that boxes are left of."""
         return len(np.unique(self.boxes.owner))
+
+    @property
+    def share(self) -> float:
+        """Share of the search that is done, if combinations to come cost what those so far did; it never falls.
+
+        Of the combinations that bounds leave or, where that ends first, of the budget; 0 until one is optimised.
+        """
+        if not self.done.any():
+            return 0.0
+        optimised, left = int(self.done.sum()), len(np.unique(self.boxes.owner[~self.done[self.boxes.owner]]))
+        spent = 1 - self.budget.evaluations / self.all if math.isfinite(self.all) else 0.0
+        clock = (time.monotonic() - self.began) / max(self.budget.deadline - self.began, 1e-9)
+        return min(max(optimised / (optimised + left), spent, clock), 1.0)
+
+    def heard(self) -> None:
+        """Tell how far it is."""
+        self.budget.heard(self.tell, "catalogue: combinations", self.share, 1.0)
 
     def shave(self) -> None:
         """Cut off what bounds rule out."""
@@ -239,19 +266,19 @@ class _Ranker:
         return results, problem, problem
 
     def _searched(self, problem: DesignProblem, start: Array, reach: float = 1.0) -> Search:
-        return searched(problem, start, self.budget, 80, max(QUICK, problem.finest), reach)
+        end = searched(problem, start, self.budget, 80, max(QUICK, problem.finest), reach)
+        self.heard()
+        return end
 
-    def optimise_promising(self, tell: CountedProgress) -> None:
+    def optimise_promising(self) -> None:
         """Optimise some combinations, from the middle of their best boxes.
 
         From the first round on: bounds rule out more, the better what they are held against.
         """
-        count = len(self.combinations)
-        decided = count - self.left
         promising = np.lexsort((self.boxes.owner, self.promise[self.boxes.owner], self.bound))
         _, first = np.unique(self.boxes.owner[promising], return_index=True)
-        for k, index in enumerate(promising[np.sort(first)][:AT_ONCE]):
-            tell("catalogue: combinations decided", decided + k, count)
+        for index in promising[np.sort(first)][:AT_ONCE]:
+            self.heard()
             if self.bound[index] >= self.threshold or self.budget.ended:
                 break
             self.optimise(int(self.boxes.owner[index]), self.boxes.low[index], self.boxes.high[index])
@@ -262,7 +289,7 @@ class _Ranker:
         for number in np.unique(np.linspace(0, count - 1, AT_ONCE).astype(int)).tolist():
             self.optimise(number, np.zeros(n), np.ones(n))
 
-    def search(self, tell: CountedProgress) -> None:
+    def search(self) -> None:
         """Split, rule out and optimise until nothing is left that could enter the list, or the budget is spent."""
         splitting, turn = True, 0
         while not self.budget.ended:
@@ -271,7 +298,7 @@ class _Ranker:
             self.clear()
             if not self.left:
                 break
-            self.optimise_promising(tell)
+            self.optimise_promising()
             self.clear()
             splitting = splitting and turn + 1 < ROUNDS and 2 * len(self.boxes) <= MOST_BOXES
             if splitting and turn % 2:
@@ -340,10 +367,10 @@ def rank(
     search, the best of all `starts`.
     """
     began, count = time.monotonic(), len(combinations)
-    ranker = _Ranker(combinations, keep, budget, seed, starts)
+    ranker = _Ranker(combinations, keep, budget, seed, starts, tell)
     possible, stopped = ranker.left > 0, False
     try:
-        ranker.search(tell)
+        ranker.search()
         if budget.ended != "stopped":
             ranker.polish()
     except KeyboardInterrupt:

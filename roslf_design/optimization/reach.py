@@ -98,7 +98,8 @@ def _limits(problem: DesignProblem, bore: _Bore) -> Iterator[Unreachable]:
         if limit.temperature is None and limit.field is None:
             side: Literal["min", "max"] = "max" if limit.min is None else "min"
             wanted, (end, told, reason) = limit.limits.get(side, limit.min), getattr(bore, side)(limit)
-            if wanted is None or limit.quantity.within(*((wanted, None) if side == "min" else (None, wanted)), end):
+            low, high = (wanted, None) if side == "min" else (None, wanted)
+            if wanted is None or limit.quantity.within(low, high, end):
                 continue
             remedy = f"widen the bore, or require at {'most' if side == 'min' else 'least'} {limit.with_unit(told, 4)}"
             words = f"{limit} is out of reach: {reason}; {remedy}"

@@ -476,6 +476,9 @@ def run(study: OptimizeStudy, tell: Tell = silent, keep: Callable[[Result], obje
             refuse_all(combined)
     chosen = () if table.catalogue is None else table.catalogue.kinds
     beyond = unreachable(problem, table.rims, chosen, table.required)
+    stages = 1 + sum(part is not None for part in (table.pareto, table.robust, table.catalogue))
+    told = (_at_stage(tell, number, stages) for number in range(1, stages + 1))
+    tell = next(told)
     if beyond:
         posed, answer = problem, refused_by_bore(problem, beyond, settings)
     elif table.rims:
@@ -488,17 +491,17 @@ def run(study: OptimizeStudy, tell: Tell = silent, keep: Callable[[Result], obje
     if going and answer.feasible and table.pareto is not None:
         goals = [next(goal for goal in problem.goals if goal.quantity.name == name) for name in table.pareto.goals]
         budget = settings.fresh()
-        front = pareto_front(problem, goals, table.pareto.points, [answer.unit], budget, settings.seed, tell)
+        front = pareto_front(problem, goals, table.pareto.points, [answer.unit], budget, settings.seed, next(told))
         going = budget.ended != "stopped"
     if going and answer.feasible and table.robust is not None and scatter is not None:
         keep(Result(study, answer, bore, front, None, None, None, (), time.monotonic() - began))
         try:
-            robust = maximise_robustness(problem, table.robust, scatter, answer.unit, settings.fresh(), tell)
+            robust = maximise_robustness(problem, table.robust, scatter, answer.unit, settings.fresh(), next(told))
         except KeyboardInterrupt:
             stopped = True
     if going and table.catalogue is not None and not (stopped or beyond):
         ranking = rank(
-            combinations(posed), table.catalogue.keep, settings.fresh(), settings.seed, tell, settings.starts
+            combinations(posed), table.catalogue.keep, settings.fresh(), settings.seed, next(told), settings.starts
         )
     retrace, part_retraces = None, list[Retrace]()
     if answer.feasible:
@@ -514,6 +517,12 @@ def run(study: OptimizeStudy, tell: Tell = silent, keep: Callable[[Result], obje
     return Result(
         study, answer, bore, front, robust, ranking, retrace, tuple(part_retraces), seconds, stopped, not going
     )
+
+
+def _at_stage(tell: Tell, number: int, stages: int) -> Tell:
+    """Progress of one of a study's stages: the time that it has left is its own."""
+    before = f"stage {number} of {stages}, " if stages > 1 else ""
+    return lambda what, done=0.0, total=0.0: tell(f"{before}{what}", done, total)
 
 
 def _optimum(

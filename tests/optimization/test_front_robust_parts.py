@@ -178,6 +178,49 @@ def test_ranking_against_every_combination_optimised(few):
     assert 0.98 - 1e-8 <= roslf.evaluate(design, []).f_number.fill_factor <= 1 + 1e-8
 
 
+@pytest.mark.parametrize(
+    ("falls", "spent", "ends", "off"),
+    [
+        (0.0, 0, 20, 1e-9),  # all alike: the time left is told to a second
+        (1.0, 0, 20, 1.0),  # dear ones first, as the most promising are: never too little
+        (0.0, 2000, 15, 0.02),  # a budget of 30,000 ends it after fifteen
+    ],
+)
+def test_the_time_left_is_that_of_what_combinations_cost_so_far(few, monkeypatch, falls, spent, ends, off):
+    """By a clock that only combinations move: what is told to be left falls, and is what there was left."""
+    now, told, optimised = [0.0], [], []
+
+    def optimise(ranker, number, low, high):
+        ranker.heard()  # as every search in it does
+        now[0] += 30.0 - falls * len(optimised)
+        optimised.append(number)
+        ranker.budget.evaluations -= spent
+        ranker.done[number] = True
+
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    monkeypatch.setattr("roslf_design.optimization.ranking._Ranker.optimise", optimise)
+    for rest in ("polish", "optimise_some"):
+        monkeypatch.setattr(f"roslf_design.optimization.ranking._Ranker.{rest}", lambda ranker: None)
+    monkeypatch.setattr("roslf_design.optimization.ranking.Boxes.shaved", lambda boxes, threshold: boxes)
+    problem = posed({"d_2": (0.2, 20.0)}, (), goal("u_z_mm", "min", 200.0))
+    combinations = Combinations.of(problem, few, ("lenses", "microlens_arrays", "sensors"))
+    rank(
+        combinations,
+        5,
+        SearchBudget(30_000),
+        tell=lambda what, done=0.0, total=0.0: told.append((now[0], done / total)),
+    )
+    assert len(optimised) == ends
+    left = [(at, at * (1 - share) / share) for at, share in told if share > 0]
+    assert len(left) >= ends - 1
+    assert np.all(np.diff([seconds for _, seconds in left]) <= 1e-9)
+    shares = [share for _, share in told]
+    assert shares == sorted(shares)
+    for at, seconds in left:
+        really = now[0] - at
+        assert really * (1 - min(off, 0.02)) - 1e-9 <= seconds <= really * (1 + off) + 1e-9
+
+
 def test_parts_that_fit_none_and_a_time_that_is_up(few):
     problem = posed({"d_2": (0.2, 20.0)}, (limit("lateral_samples", 1e5),), goal("sigma_z_mm", "min"))
     found = rank(Combinations.of(problem, few, ("sensors",)), 5, SearchBudget())
