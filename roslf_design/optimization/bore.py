@@ -50,9 +50,23 @@ class StopTable(Opening):
 
 
 class TubeTable(StopTable):
-    """A straight tube."""
+    """A tube, straight or a round cone: what passes both ends of either passes its wall."""
 
     length: Length
+    proximal_diameter: Length | None = None
+    """Of a cone at its end towards the lens, `diameter` being that at the tip; None of a straight tube."""
+
+    @model_validator(mode="after")
+    def _round(self) -> TubeTable:
+        if self.proximal_diameter is not None and self.diameter is None:
+            raise ValueError("a cone is round: give diameter, that of its tip, beside proximal_diameter, or drop it")
+        return self
+
+    @property
+    def rims(self) -> tuple[Stop, Stop]:
+        """Both ends, the nearer first."""
+        near = self.model_copy(update={"diameter": self.proximal_diameter or self.diameter})
+        return near.at(self.distance), self.at(self.distance + self.length)
 
 
 class BoreTable(StrictTable):
@@ -72,7 +86,7 @@ class BoreTable(StrictTable):
         """Every rim; of a tube the nearer end first."""
         if self.tube is None:
             return tuple(stop.at(stop.distance) for stop in self.stops)
-        return tuple(self.tube.at(end) for end in (self.tube.distance, self.tube.distance + self.tube.length))
+        return self.tube.rims
 
 
 @by_value

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 import roslf_design as roslf
 from roslf_design.design import Stop
-from roslf_design.optimization.bore import judge_pupil, reduce_bore
+from roslf_design.optimization.bore import BoreTable, judge_pupil, reduce_bore
 
 PAPER = roslf.load("paper")
 
@@ -139,6 +140,23 @@ def test_a_bore_that_leaves_the_corner_dark_is_reduced_for_what_it_lights():
         ).mean()
 
     assert wide(lit) / wide(0.0) == pytest.approx(1 / 3, abs=2e-4)
+
+
+def test_a_cone_is_its_two_ends_as_what_passes_both_passes_its_wall():
+    ends = {"diameter": "6 mm", "proximal_diameter": "9 mm", "distance": "20 mm", "length": "80 mm"}
+    near, far = BoreTable.model_validate({"tube": ends}, context={"from_file": True}).rims
+    assert (near.diameter, near.distance, far.diameter, far.distance) == (9.0, 20.0, 6.0, 100.0)
+    rng = np.random.default_rng(4)
+    first, last = (
+        stop.diameter / 2 * np.sqrt(rng.random(100_000)) * np.exp(2j * np.pi * rng.random(100_000))
+        for stop in (near, far)
+    )
+    for share in np.linspace(0, 1, 9):
+        assert np.abs(first + share * (last - first)).max() <= 4.5 + share * (3.0 - 4.5) + 1e-12
+    square = {"shape": "rectangle", "sides": ["6 mm", "6 mm"], **ends}
+    del square["diameter"]
+    with pytest.raises(ValidationError, match="a cone is round: give diameter"):
+        BoreTable.model_validate({"tube": square}, context={"from_file": True})
 
 
 def test_a_bore_beyond_the_focal_plane_is_refused():
