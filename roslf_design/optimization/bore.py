@@ -50,11 +50,11 @@ class StopTable(Opening):
 
 
 class TubeTable(StopTable):
-    """A tube, straight or a round cone: what passes both ends of either passes its wall."""
+    """Straight tube or round cone: what passes both ends of either passes its wall."""
 
     length: Length
     proximal_diameter: Length | None = None
-    """Of a cone at its end towards the lens, `diameter` being that at the tip; None of a straight tube."""
+    """Diameter of a cone at its end towards the lens, `diameter` being that at the tip; None of a straight tube."""
 
     @model_validator(mode="after")
     def _round(self) -> TubeTable:

@@ -18,9 +18,10 @@ import numpy as np
 
 from .._arrays import Array
 from ..progress import UNHEARD, Share, part_of
-from .draws import Draws
+from .draws import Draws, Perturbation
 from .places import (
     CALIBRATION,
+    LEFT,
     Aim,
     GradeLine,
     Grades,
@@ -314,7 +315,7 @@ def budget(
     start, changes, adjustments = now, tuple[Change, ...](), tuple[Change, ...]()
     reached = given.value >= target
     if not reached:
-        adjusted = list(_adjusted(now, grades, trials))
+        adjusted = list(_adjusted(now, grades, trials, study))
         adjustments = tuple(sorted((change for change, _ in adjusted), key=lambda change: -change.result.value))
         reaching = [
             sure
@@ -410,18 +411,35 @@ def _tightened(now: _Builds, part: _CostedPart, aim: _Aim) -> float | None:
     return low * part.tolerance if low > 0 else None
 
 
-def _adjusted(now: _Builds, grades: Grades, trials: int) -> Iterator[tuple[Change, _Builds]]:
-    """Changes by one more adjustment, whatever they reach."""
+def _adjusted(
+    now: _Builds, grades: Grades, trials: int, study: Study | None = None
+) -> Iterator[tuple[Change, _Builds]]:
+    """Changes by one more adjustment, whatever they reach; each leaves what the table tells of a study's grade."""
     plan, missed = now.plan, now.plan.draws.perturbations
     design = plan.question.design
     kinds, nominal = perturbable(design), nominal_values(design)
     own = {adjuster.place for adjuster in plan.adjusters}
+    leaves = grades.tolerances(study.grade, design) if study is not None and study.grade else {}
+
+    def left_by(other: TolerancePlan, places: Sequence[str]) -> _Builds:
+        """Builds of a plan that adjusts these places, each off by what that leaves."""
+        stated = [LEFT + place for place in places if LEFT + place in leaves]
+        more = [
+            Perturbation(place, 0.0, leaves[place], study.distribution, study.truncate)
+            for place in stated
+            if study is not None
+        ]
+        draws = replace(other.draws, perturbations=(*missed, *more))
+        return _Builds(
+            replace(other, draws=draws) if more else other, np.pad(now.factors, (0, len(more)), constant_values=1)
+        )
+
     for line in grades.adjustments:
         reach = math.inf
         if line.place == CALIBRATION:
             if plan.calibrated:
                 continue
-            other = replace(plan, calibrated=True)
+            places, other = [CALIBRATION], replace(plan, calibrated=True)
         else:
             places = [place for place in expand(design, line.place) if place not in own]
             if not places:
@@ -436,7 +454,7 @@ def _adjusted(now: _Builds, grades: Grades, trials: int) -> Iterator[tuple[Chang
                 travel = focus_travel(plan, places[0], first_draws(plan.draws, trials))
                 reach = min(reach, float(f"{FINER * travel:.1e}"))
                 other = plan.with_adjusters(Adjuster(places[0], reach, line.aim))
-        builds, few = now._replace(plan=other), min(trials, curve_trials(other))
+        builds, few = left_by(other, places), min(trials, curve_trials(other))
         result = Yield(builds.passed(few), few)
         yield Change("adjustment", ((line.place, "", reach),), line.cost, result, line.aim), builds
 

@@ -460,6 +460,9 @@ class Grades:
 
 def _covered(design: Design, place: str) -> tuple[str, ...]:
     """Places of a design that a line speaks of; a real lens's focal length and air's index are none of its own."""
+    if place.startswith(LEFT):
+        adjusted = place.removeprefix(LEFT)
+        return tuple(LEFT + one for one in ((adjusted,) if adjusted == CALIBRATION else expand(design, adjusted)))
     if place.startswith(REFRACTING):
         return () if place == MEDIUM and design.object_space.medium == AIR else _matching(perturbable(design), place)
     lens = design.main_lens.kind

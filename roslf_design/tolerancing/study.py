@@ -228,7 +228,8 @@ class Compensate(StrictTable):
     """How far it can be moved either way; without limit where left out."""
     error: str | float | None = None
     """Error that it leaves, as a tolerance with the study's distribution: by how much the part is set amiss either way,
-    or depth of a calibrated decoder is off; nothing where left out, and pages say so."""
+    or depth of a calibrated decoder is off; where left out that of the study's grade, if its table tells one, else
+    nothing, and pages say so."""
 
     @field_validator("aim")
     @classmethod
@@ -796,6 +797,8 @@ def _perturbations(
         }
     if design.sensor.relay_magnification == 1:
         graded.pop("sensor.relay_magnification", None)  # there is no relay to be wrong
+    adjusted = {LEFT + place for compensator in study.compensators for place in compensator.place}
+    graded = {place: miss for place, miss in graded.items() if place in adjusted or not place.startswith(LEFT)}
     result = {place: miss for place, miss in graded.items() if place not in study.exclude}
     given: set[str] = set()
     for index, line in enumerate(study.perturb):

@@ -49,9 +49,9 @@ provenance = "this test: mends nothing here"
 @pytest.fixture
 def shop(tmp_path):
     """A study of a sensor's distance, uniform within 20 um, held to 12 um above nominal: a yield of 0.8."""
-    (tmp_path / "shop.toml").write_text(SHOP)
 
-    def made(**more):
+    def made(table=SHOP, **more):
+        (tmp_path / "shop.toml").write_text(table)
         data = {
             "name": "shop",
             "design": "paper",
@@ -109,6 +109,35 @@ def test_the_cheapest_change_is_the_one_that_suffices(shop):
     assert found.result.value >= 0.95
     assert found.cost == pytest.approx(costs[0] - 3)
     assert len(parts_of(plan, load_grades())) == 2
+
+
+SET = """
+[[line]]
+place = "compensators.sensor.distance"
+loose = "40 um"
+fair = "16 um"
+fine = "1 um"
+cost = [0, 1, 3]
+provenance = "this test"
+"""
+
+
+def test_a_shop_tells_what_its_adjustments_leave_in_each_grade(shop):
+    """A sensor set within 16 um and held to 12 um above nominal: 28 of 32 builds, as soon as anybody sets it."""
+    found, plan = shop(SHOP + SET, yield_target=0.97)
+    assert not [p for p in plan.draws.perturbations if p.place.startswith("compensators.")]  # nothing is set yet
+    (change,) = (one for one in found.adjustments if one.steps[0][0] == "sensor.distance")
+    assert change.result.value == pytest.approx(28 / 32, abs=2e-3)
+    assert "adjustment" not in {one.kind for one in found.changes}
+    setting = [{"place": "sensor.distance"}]
+    found, plan = shop(SHOP + SET, yield_target=0.97, compensators=setting)
+    assert plan.perfect == ()
+    (left,) = (p for p in plan.draws.perturbations if p.place.startswith("compensators."))
+    assert (left.tolerance, left.source) == (0.016, "fair: this test")
+    finer = next(one for one in found.changes if one.kind == "grade")
+    assert (finer.steps, finer.cost) == ((("compensators.sensor.distance", "fine", 0.001),), 2)
+    _, plan = shop(SHOP + SET, compensators=[{"place": "sensor.distance", "error": "3 um"}])
+    assert [p.tolerance for p in plan.draws.perturbations if p.place.startswith("compensators.")] == [0.003]
 
 
 def test_a_yield_on_target_only_loosens_and_a_hopeless_one_says_so(shop):
