@@ -17,6 +17,8 @@ from ..errors import refusal
 from ..evaluation.required import required_depth, required_distances
 from ..evaluation.specification import ASKED, FieldImages, ObjectField, planes
 from ..theory.depth_budget import depth_budget
+from ..theory.light import object_scale
+from ..theory.vignetting import lit_radius
 from .captures import BoardPose, BoardTarget, EdgeTarget, FieldTarget, Kind, Setup, SpheresTarget, WallTarget
 
 A4 = (210.0, 297.0)
@@ -103,7 +105,8 @@ def setup_for(
         A distance asked for at which the wall's dots would be too few, or the design has no depth.
     """
     camera = Camera.of(design)
-    ends = FieldImages.of(design).ends
+    shown = FieldImages.of(design)
+    ends = shown.ends
     stations = tuple(ObjectField.of(ends, at, name) for name, at in planes(camera))
     near, focus, far = stations
     required = required_distances(design, far.at_mm)
@@ -129,7 +132,9 @@ def setup_for(
     across = min(math.hypot(focus.width_mm, focus.height_mm), focus.diagonal_mm)
     volume = math.hypot(across, min(far.at_mm - near.at_mm, focus.at_mm))
     volume *= min(1.0, _WHOLE * max(focus.width_mm, focus.height_mm) / (sum(_BALLS) * volume))
-    radii = _radii(*(field.diagonal_mm / 2 for field in (near, far)))
+    ends_lit = ObjectField.of(shown.seen, far.at_mm, "").diagonal_mm > far.diagonal_mm * (1 + 1e-9)
+    lit = far.diagonal_mm / 2 if ends_lit else abs(float(lit_radius(camera) * object_scale(camera, far.at_mm)))
+    radii = _radii(near.diagonal_mm / 2, far.diagonal_mm / 2, lit)
 
     def printed(fine: bool) -> dict[str, float]:
         bar = GLASS_BAR if fine else PAPER_BAR
@@ -201,15 +206,18 @@ def _narrow(field: ObjectField) -> float:
     return min(field.width_mm, field.height_mm, field.diagonal_mm / math.sqrt(2))
 
 
-def _radii(near: float, far: float) -> tuple[float, ...]:
-    """Radii of rings out to the field's half diagonals at both its ends: fine ones where the near field ends."""
+def _radii(near: float, far: float, lit: float) -> tuple[float, ...]:
+    """Radii of rings out to the field's half diagonals at both its ends: fine ones where the near field ends.
+
+    Somewhat beyond, where the sensor may stand off the middle, but none where no light comes from.
+    """
     radii: list[float] = []
     for reach in (near, far):
         decade = 10.0 ** math.floor(math.log10(reach / _RINGS))
         step = next(step * decade for step in (1, 2, 5, 10) if step * decade >= reach / _RINGS)
         count = math.ceil(1.15 * reach / step)
         radii += [_rounded(step * k, 6) for k in range(1, count + 1) if step * k > max(radii, default=0.0) * (1 + 1e-9)]
-    return tuple(radii)
+    return tuple(radius for radius in radii if radius <= lit * (1 + 1e-9))
 
 
 def _feature(board: Board) -> float:

@@ -97,6 +97,9 @@ def test_targets_lie_in_what_is_lit():
     assert board == plan.board
     assert kept(PORT, math.hypot(board.columns, board.rows) * board.cell / 2, nearest) > 0.21
     ball = setup.spheres
+    tip, farthest = 100.0, max(setup.field.at)
+    assert kept(PORT, setup.field.radii[-1], farthest + tip) > 0.21
+    assert kept(PORT, setup.field.radii[-1] + setup.field.radii[-1] - setup.field.radii[-2], farthest + tip) < 0.21
     focus = 100.0 + float(focus_ahead(FieldImages.of(PORT).images.camera))
     assert kept(PORT, (ball.spacing + ball.diameter) / 2, focus) > 0.21
     assert kept(PORT, setup.edge.side / math.sqrt(2), focus) > 0.21
