@@ -6,7 +6,6 @@ refused here: a camera that cannot be built keeps its numbers, and `Camera.valid
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -23,7 +22,7 @@ from ..bore.part import TEMPERATURE, Colours, Layout, Number
 from ..catalogue.entries import stock_of
 from ..design import Design, DesignError, Problem
 from ..design.growth import Growth
-from ..design.parts import BEHIND, PATHS, widening
+from ..design.parts import BEHIND, PATHS, tube_room
 from ..design.required import ROUND_ANGLE, ROUND_RADIUS, Required
 from ..errors import expect
 from ..lenses.glass import ROOM, Glass
@@ -168,14 +167,12 @@ class Camera(PosedParts):
         return camera
 
     def _as_tube(self, numbers: Mapping[str, Number]) -> dict[str, Number]:
-        """Diameters, by place, of the rims that are as wide as a tube leaves them; see `Housing.room`."""
+        """Diameters, by place, of the rims that are as wide as a tube leaves them."""
         if not self.chain.fitted:
             return {}
-        outer, tip = numbers["tube.outer_diameter"], self._with(numbers).tip  # which asks no rim how wide it is
-        inside = outer - 2 * (numbers["tube.wall"] + numbers.get("tube.light_guide", 0.0))
-        wide, length = numbers.get("tube.proximal_diameter", outer), numbers.get("tube.length", math.inf)
+        tip = self._with(numbers).tip  # which asks no rim how wide it is
         return {
-            f"{rim}.diameter": _number(inside + widening(outer, wide, length, tip - numbers[f"{rim}.distance"]))
+            f"{rim}.diameter": _number(tube_room(numbers, tip - numbers[f"{rim}.distance"]))
             for rim in self.chain.fitted
         }
 

@@ -470,6 +470,15 @@ def widening(tip: Number, wide_end: Number, length: Number, behind: Number) -> N
     return wider
 
 
+def tube_room(numbers: Mapping[str, Number], behind: Number) -> Number:
+    """Diameter of the room inside a tube, so far `behind` its tip [mm], from its numbers by their places."""
+    outer = numbers["tube.outer_diameter"]
+    inside: Number = outer - 2 * (numbers["tube.wall"] + numbers.get("tube.light_guide", 0.0))
+    if (wide_end := numbers.get("tube.proximal_diameter")) is None:
+        return inside
+    return inside + widening(outer, wide_end, numbers["tube.length"], behind)
+
+
 class Housing(Part):
     """The tube that a scope is built into, from its tip backwards."""
 
@@ -490,10 +499,8 @@ class Housing(Part):
 
     def room(self, behind: float) -> float:
         """Diameter of the room inside, so far `behind` the tip [mm]."""
-        inside = self.outer_diameter - 2 * (self.wall + (self.light_guide or 0.0))
-        if self.proximal_diameter is None or self.length is None:
-            return inside
-        return inside + float(widening(self.outer_diameter, self.proximal_diameter, self.length, behind))
+        lengths = {f"tube.{key}": value for key, value in self if isinstance(value, float)}
+        return float(tube_room(lengths, behind))
 
     @model_validator(mode="after")
     def _hollow(self) -> Housing:

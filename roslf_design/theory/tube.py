@@ -13,7 +13,7 @@ from ..bore.opening import ClearAperture
 from ..bore.part import Number
 from ..camera import Camera
 from ..design import PATHS
-from ..design.parts import widening
+from ..design.parts import tube_room, widening
 from ..lenses.glass import ROOM
 from ..lenses.prescription import Prescription
 from ..words import clauses, listed, number, the
@@ -211,7 +211,7 @@ def room(c: Camera, place: Number) -> Array:
 
     A cone is narrowest about a part's end towards the scene.
     """
-    return np.asarray(widest(c) - slack(c, place) - 2 * shell(c) if OUTER in c.numbers else np.inf)
+    return np.asarray(tube_room(c.cold.numbers, c.cold.tip - place) if OUTER in c.numbers else np.inf)
 
 
 def widest_fap(c: Camera) -> Array:
