@@ -20,6 +20,7 @@ from ..errors import InputError, Problem
 from ..theory import tube
 from ..theory.depth_budget import COVERAGE, DepthBudget, depth_budget
 from ..theory.depth_error import errors_at_fields, expected_error
+from ..theory.depth_of_field import finest_detail
 from ..theory.focused import has_views
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.limits import AT_FIELD, OFF_AXIS, as_design, held_by_builds, limits
@@ -34,6 +35,8 @@ from .specification import FieldImages
 
 DETAILS = (DETAIL, "mtf10_lp_per_mm", "mtf50_lp_per_mm")
 """Resolutions, which diffraction ends."""
+SHARP = {"view_depth_of_field_": "single views", "depth_of_field_": "a refocused image"}
+"""Depths of field, without their end, and what is sharp over them."""
 DARKEST, HALVINGS = math.log(1e6), 12
 """Logarithm of the share of a full pixel from which on least light is looked for, and steps of that."""
 MARGINAL = 0.5
@@ -289,7 +292,32 @@ def _by_diffraction(design: Design, one: Requirement, other: Requirement) -> str
     return f"{other.label}, {other.limits}: {light} {number(ends, 4)} lp/mm there; require less of one"
 
 
-CONFLICTS: tuple[Callable[[Design, Requirement, Requirement], str], ...] = (_by_light, _by_diffraction)
+def _by_sharpness(design: Design, one: Requirement, other: Requirement) -> str:
+    """Words on detail finer than diffraction leaves a camera that is sharp over as much as is required."""
+    fine, end = (one, other) if one.quantity == DETAIL else (other, one)
+    kind = end.quantity.removesuffix("near_mm").removesuffix("far_mm")
+    if fine.quantity != DETAIL or fine.field is not None or fine.min is None or kind not in SHARP:
+        return ""
+    ends = {quantity.name: (low, high) for asked, quantity, low, high in limits(design)}
+    near, far = ends.get(f"{kind}near_mm", (None, None))[1], ends.get(f"{kind}far_mm", (None, None))[0]
+    camera = Camera.of(design)
+    at = float(quantity_named("working_distance_mm")(camera)) if fine.at_mm is None else fine.at_mm
+    if near is None or far is None or not near < at < far:
+        return ""
+    most = finest_detail(camera, at, near, far)
+    if fine.min <= most:
+        return ""
+    left = (most / fine.min) ** 2 * (far - at) / (far - near)  # of at - near, what that detail leaves the mean of both
+    to = number(at + (at - near) * left / (1 - left), 4)
+    sharp = f"with {SHARP[kind]} sharp from {number(near, 4)} to {number(far, 4)} mm"
+    return (
+        f"{other.label}, {other.limits}: by diffraction of {length(float(camera.wavelength))} light no camera {sharp} "
+        f"shows more than {number(most, 4)} lp/mm at {number(at, 4)} mm, and none that shows {number(fine.min, 4)} is "
+        f"sharp from {number(near, 4)} to beyond {to} mm; require less of one"
+    )
+
+
+CONFLICTS: tuple[Callable[[Design, Requirement, Requirement], str], ...] = (_by_light, _by_diffraction, _by_sharpness)
 """Reasons for which two requirements exclude each other."""
 
 

@@ -7,12 +7,14 @@ Sharp is what stays within a pitch. In air, ``1/Z_F = (1 +- d/(e m))/(d_f - d_3)
 
 from __future__ import annotations
 
+import math
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from .._arrays import Array, magnitude, product, ratio
 from ..camera import Camera
+from ..shapes.lattice import PACKINGS
 from .light import diffraction_width
 
 Kind = Literal["view", "refocused"]
@@ -61,6 +63,28 @@ def depth_of_field(c: Camera, kind: Kind = "refocused") -> _DepthOfField:
     near = np.where((near >= 0) & (near <= focus), near, 0.0)
     far = np.where(far >= focus, far, np.inf)
     return _DepthOfField(near[()], far[()])
+
+
+def finest_detail(c: Camera, at: float, near: float, far: float) -> float:
+    """Finest detail at a distance that any camera shows in that light, whose images are sharp from `near` to `far`.
+
+    A view's part of the FAP is ``lambda A/d`` wide at least, so ``1/near - 1/far <= 2 (d/A)^2/lambda``, both from the
+    FAP: footprints s of a microlens at both ends have ``s s' >= lambda (far - near)/2``, wherever the FAP is. The one
+    between is their mean by distance, at least ``sqrt(2 lambda (at - near) (far - at)/(far - near))``. A FAP narrower
+    than that part shows, by its own diffraction, no finer detail either.
+
+    Parameters
+    ----------
+    at, near, far : float
+        Distances ahead of the tip [mm], `at` between the others.
+
+    Returns
+    -------
+    float
+        Half a period a microlens of a square array, and so on [lp/mm].
+    """
+    light = float(c.wavelength / np.asarray(c.front[1].medium))
+    return PACKINGS[c.layout].fold / math.sqrt(2 * light * (at - near) * (far - at) / (far - near))
 
 
 def past_infinity(c: Camera, kind: Kind = "refocused") -> Array:

@@ -1,11 +1,15 @@
 """Requirements that exclude each other: where they begin to, by closed forms and by trying light."""
 
+import re
+
 import numpy as np
 import pytest
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
-from roslf_design.evaluation.required import required_of
+from roslf_design.design import PATHS
+from roslf_design.evaluation.required import SHARP, required_of
+from roslf_design.theory.depth_of_field import finest_detail
 
 SCOPE = roslf.load("rigid-scope")
 WELL = 4000.0
@@ -84,3 +88,41 @@ def test_detail_beyond_diffraction_at_the_f_number_required(share):
     assert ("excludes" in detail.remedy) == (share > 1)
     if share > 1:
         assert f"shows no detail above {limit:.4g} lp/mm there; require less of one" in detail.remedy
+
+
+@pytest.mark.parametrize("layout", ["square", "hexagonal"])
+@pytest.mark.parametrize("name", ["rigid-scope", "cystoscope"])
+def test_no_camera_tried_shows_more_detail_than_diffraction_leaves_one_that_is_sharp_so_far(name, layout):
+    """By brute force: cameras of all openings, lengths, microlenses and pixels, in air and behind a relay in water."""
+    draw, count = np.random.default_rng(4), 48
+    own = Camera.of(roslf.load(name).replace({"microlens_array.layout": layout}))
+    spans = {"D_F": (-1, 1), "d_2": (-1, 1), "d": (-0.7, 0.7), "q": (-5, -3), "d_3": (-0.7, 0)}
+    tried = own.replace({key: own[PATHS[key]] * np.exp(draw.uniform(*span, count)) for key, span in spans.items()})
+    kinds = {kind: [roslf.quantity(f"{kind}{end}_mm")(tried) for end in ("near", "far")] for kind in SHARP}
+    focus, nearest = float(roslf.quantity("working_distance_mm")(own)), 0.0
+    for at in (0.8 * focus, focus):
+        shown = roslf.quantity("detail_lp_per_mm")(tried, at)
+        for near, far in kinds.values():
+            within = tried.valid & (near < at) & (at < far) & np.isfinite(shown)
+            ends = zip(shown[within], near[within], np.minimum(far[within], 1e9), strict=True)
+            nearest = max([nearest, *(value / finest_detail(own, at, *both) for value, *both in ends)])
+    assert 0.5 < nearest <= 1
+
+
+@pytest.mark.parametrize("share", [0.97, 1.03])
+@pytest.mark.parametrize("kind", SHARP)
+def test_detail_and_a_range_that_is_sharp_exclude_each_other_beyond_diffraction(kind, share):
+    ends = 8.0, 40.0
+    most = finest_detail(Camera.of(SCOPE), 12.0, *ends)
+    near, far, detail = asked(
+        SCOPE,
+        (f"{kind}near_mm", None, {"max": f"{ends[0]} mm"}),
+        (f"{kind}far_mm", None, {"min": f"{ends[1]} mm"}),
+        ("detail_lp_per_mm", 12.0, {"min": share * most}),
+    )
+    missed = [one for one in (near, far, detail) if not one.met]
+    assert missed
+    assert all(("excludes" in one.remedy) == (share > 1) for one in missed)
+    if share > 1:  # what is left to it is told: as much detail as is asked for, to a nearer end
+        told = re.search(r"sharp from 8 to beyond ([\d.]+) mm", missed[0].remedy)
+        assert finest_detail(Camera.of(SCOPE), 12.0, 8.0, float(told[1])) == pytest.approx(share * most, rel=1e-3)
