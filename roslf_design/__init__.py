@@ -10,6 +10,8 @@
 - The built camera: `calibrate`, `bench_check`, `bench_report`. To hand on: `datasheet`, `report`,
   `render_html`, `render_pdf`.
 
+What takes long is told to `progress=`, by all in the same way; `ProgressLine` shows it.
+
 What is wrong with an input is an `InputError`, of a design a `DesignError`; both are `ValueError`.
 
 Names below are imported when first used (SPEC 1), so that `import roslf_design` costs nothing.
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
         tolerance,
     )
     from .camera import Camera
+    from .commands.progress_line import ProgressLine
     from .design import Design, DesignError, dumps, load, loads, preset_names, save
     from .errors import InputError
     from .evaluation import Evaluation, evaluate
@@ -58,6 +61,7 @@ __all__ = [
     "DesignError",
     "Evaluation",
     "InputError",
+    "ProgressLine",
     "Quantity",
     "QuantityTable",
     "Scene",
@@ -107,6 +111,7 @@ __getattr__, __dir__, _ = lazy.attach(
             "tolerance",
         ],
         "camera": ["Camera"],
+        "commands.progress_line": ["ProgressLine"],
         "design": ["Design", "DesignError", "dumps", "load", "loads", "preset_names", "save"],
         "errors": ["InputError"],
         "evaluation": ["Evaluation", "evaluate"],

@@ -1,13 +1,14 @@
 """Functions that `import roslf_design as roslf` offers beside values: much of what the commands do.
 
-Each takes a design, the name of a preset or the path of a file, prints nothing and writes nothing.
+Each takes a design, the name of a preset or the path of a file, prints nothing and writes nothing. Those that take long
+tell `progress` what is being done, how much of it, and of how much (0 where nothing is counted).
 """
 
 from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -36,7 +37,7 @@ from .imaging.render import RawImage
 from .imaging.render import render as render_image
 from .optimization.study import Result, load_study
 from .optimization.study import run as run_study
-from .progress import silent
+from .progress import CountedProgress, shares, silent
 from .reporting.blocks import Code, Report
 from .reporting.calibrate.pages import calibration_pictures, calibration_report
 from .reporting.decode.pages import decoding_pictures, decoding_report
@@ -116,7 +117,12 @@ def quantity(name: str, at: Distance | None = None) -> Quantity:
 
 
 def render(
-    design: Design | str | Path, scene: Scene | str | Path | None = None, *, overrides: Iterable[str] = (), **more: Any
+    design: Design | str | Path,
+    scene: Scene | str | Path | None = None,
+    *,
+    overrides: Iterable[str] = (),
+    progress: CountedProgress = silent,
+    **more: Any,
 ) -> RawImage:
     """The raw light-field image that the sensor would record, with only the physics that it needs.
 
@@ -128,7 +134,7 @@ def render(
     overrides : iterable of str
         Effects by hand: "all", "none", "+name", "-name".
     **more
-        As `roslf_design.imaging.render.render` takes them: budget, seed, region, threads, sampling, progress.
+        As `roslf_design.imaging.render.render` takes them: budget, seed, region, threads, sampling.
 
     Returns
     -------
@@ -146,7 +152,8 @@ def render(
     >>> roslf.render("paper", region=(2280, 1520, 40, 30)).pixels.shape
     (30, 40)
     """
-    return render_image(as_design(design), _scene(scene), overrides=overrides, **more)
+    telling = shares(progress, "picture")
+    return render_image(as_design(design), _scene(scene), overrides=overrides, progress=telling, **more)
 
 
 def measure_depth(
@@ -154,7 +161,7 @@ def measure_depth(
     scene: Scene | str | Path | None = None,
     *,
     believed: Design | str | Path | None = None,
-    progress: Callable[[str, float], None] = lambda what, share: None,
+    progress: CountedProgress = silent,
     **options: Any,
 ) -> Trial:
     """Depth that a camera measures of a scene, simulated with noise, beside the truth and the error predicted.
@@ -167,8 +174,6 @@ def measure_depth(
         What is looked at; None is a slanted wall with texture at the focal plane.
     believed : Design, str or Path, optional
         The camera that depth is computed for, where that is another.
-    progress : callable
-        Told what is being done, and which share of all is done.
     **options
         As `roslf_design.depth.pictures.PictureOptions` has them: region, seed, exposures, rays.
 
@@ -189,10 +194,11 @@ def measure_depth(
     >>> trial.summary().spread_mm  # doctest: +SKIP
     """
     other = None if believed is None else as_design(believed)
-    return simulate(as_design(design), _scene(scene), PictureOptions.of(**options), believed=other, progress=progress)
+    asked = as_design(design), _scene(scene), PictureOptions.of(**options)
+    return simulate(*asked, believed=other, progress=lambda what, share: progress(what, share, 1.0))
 
 
-def capture_depth(image: str | Path, **options: Any) -> MeasuredCapture:
+def capture_depth(image: str | Path, *, progress: CountedProgress = silent, **options: Any) -> MeasuredCapture:
     """Depth in a raw image that a camera took, or in decoded views, with its standard error.
 
     Parameters
@@ -219,11 +225,16 @@ def capture_depth(image: str | Path, **options: Any) -> MeasuredCapture:
     >>> found = roslf.capture_depth("raw.tif", white="white.tif", design="paper")  # doctest: +SKIP
     >>> found.first.depth  # doctest: +SKIP
     """
-    return captured(path_of(image, "image", PICTURES), CaptureOptions.of(**options))
+    return captured(path_of(image, "image", PICTURES), CaptureOptions.of(**options), progress)
 
 
 def tolerance(
-    study: str | Path, *, trials: int | None = None, seed: int | None = None, only: Only | None = None
+    study: str | Path,
+    *,
+    trials: int | None = None,
+    seed: int | None = None,
+    only: Only | None = None,
+    progress: CountedProgress = silent,
 ) -> StudyResult:
     """Run a tolerance study in this process: yield, sensitivities, Monte Carlo, inverse tolerances, adjustments.
 
@@ -253,10 +264,16 @@ def tolerance(
     >>> result.final.result.value  # doctest: +SKIP
     """
     plan, description, grades = RunOptions.of(trials=trials, seed=seed, only=only).plan(path_of(study, "study", STUDY))
-    return analyse(plan, description, grades, merged(tally_chunk(plan, index) for index in range(plan.chunks)))
+    chunks, done = [], 0
+    for index in range(plan.chunks):
+        progress("trials", done, plan.trials)
+        chunks.append(tally_chunk(plan, index))
+        done += plan.chunk_trials(index)
+    progress("trials", done, plan.trials)
+    return analyse(plan, description, grades, merged(chunks), progress=progress)
 
 
-def optimize(study: str | Path) -> Result:
+def optimize(study: str | Path, *, progress: CountedProgress = silent) -> Result:
     """Find the design that a study asks for, or what stands in the way.
 
     Parameters
@@ -280,10 +297,17 @@ def optimize(study: str | Path) -> Result:
     >>> import roslf_design as roslf
     >>> result = roslf.optimize("studies/optimize-rigid-scope/study.toml")  # doctest: +SKIP
     """
-    return run_study(load_study(path_of(study, "study", STUDY)))
+    return run_study(load_study(path_of(study, "study", STUDY)), progress)
 
 
-def calibrate(folder: str | Path, design: Design | str | Path, board: str, **options: Any) -> Outcome:
+def calibrate(
+    folder: str | Path,
+    design: Design | str | Path,
+    board: str,
+    *,
+    progress: CountedProgress = silent,
+    **options: Any,
+) -> Outcome:
     """H, d_3 and the rest from images of a checkerboard, with how sure they are.
 
     Parameters
@@ -309,12 +333,11 @@ def calibrate(folder: str | Path, design: Design | str | Path, board: str, **opt
     >>> import roslf_design as roslf
     >>> outcome = roslf.calibrate("captures", "paper", "4x5 6 mm")  # doctest: +SKIP
     """
-    return calibrated(
-        path_of(folder, "folder", CAPTURES), as_design(design), CalibrateOptions.of(board=board, **options)
-    )
+    asked = path_of(folder, "folder", CAPTURES), as_design(design), CalibrateOptions.of(board=board, **options)
+    return calibrated(*asked, progress)
 
 
-def bench_check(folder: str | Path) -> BenchCheck:
+def bench_check(folder: str | Path, *, progress: CountedProgress = silent) -> BenchCheck:
     """Worth of a bench's captures so far: faults by name, how sure H and d_3 are, and which pose to take next.
 
     Parameters
@@ -332,10 +355,16 @@ def bench_check(folder: str | Path) -> BenchCheck:
     >>> import roslf_design as roslf
     >>> roslf.bench_check("out/bench").faults  # doctest: +SKIP
     """
-    return checked(read_bench(path_of(folder, "folder", BENCH)))
+    return checked(read_bench(path_of(folder, "folder", BENCH)), progress)
 
 
-def bench_report(folder: str | Path, *, tolerances: str | Path | None = None, placed: float = PLACED) -> Acceptance:
+def bench_report(
+    folder: str | Path,
+    *,
+    tolerances: str | Path | None = None,
+    placed: float = PLACED,
+    progress: CountedProgress = silent,
+) -> Acceptance:
     """Figures of a camera from its bench's captures beside its data sheet: in tolerance, out, or undecided.
 
     Parameters
@@ -368,10 +397,12 @@ def bench_report(folder: str | Path, *, tolerances: str | Path | None = None, pl
             for name, content in calibration_files(outcome)[0].items():
                 (made / name).write_bytes(content)
 
-        return accepted(bench, there if (there / FILE).is_file() else made, write, build, placed)
+        return accepted(bench, there if (there / FILE).is_file() else made, write, build, placed, progress)
 
 
-def decode(image: str | Path, white: str | Path | None = None, **options: Any) -> Decoded:
+def decode(
+    image: str | Path, white: str | Path | None = None, *, progress: CountedProgress = silent, **options: Any
+) -> Decoded:
     """A light field with its refocus stack, from a raw image or from files of views.
 
     Parameters
@@ -398,10 +429,14 @@ def decode(image: str | Path, white: str | Path | None = None, **options: Any) -
     >>> import roslf_design as roslf
     >>> roslf.decode("raw.tif", "white.tif", design="paper").field  # doctest: +SKIP
     """
-    return decoded(path_of(image, "image", PICTURES), DecodeOptions.of(white=white, **options))
+    return decoded(path_of(image, "image", PICTURES), DecodeOptions.of(white=white, **options), progress)
 
 
-def report(subject: Design | str | Path | Trial | MeasuredCapture | Decoded | Outcome | Result | StudyResult) -> Report:
+def report(
+    subject: Design | str | Path | Trial | MeasuredCapture | Decoded | Outcome | Result | StudyResult,
+    *,
+    progress: CountedProgress = silent,
+) -> Report:
     """A report on a design or on a result, as sections of text, tables and figures.
 
     `render_html` makes it one self-contained page; ``report(...).figure("rays")`` shows one figure in a notebook.
@@ -432,7 +467,7 @@ def report(subject: Design | str | Path | Trial | MeasuredCapture | Decoded | Ou
         case _:
             kinds = (Design, str, os.PathLike)
             expect(subject, "subject", kinds, "a design, or what another function of roslf_design returned")
-            return design_report(as_design(subject))
+            return design_report(as_design(subject), progress=progress)
     # No command made it.
     parts = (
         replace(part, blocks=tuple(b for b in part.blocks if b != Code("", "Run again"))) for part in page.sections
@@ -447,6 +482,7 @@ def datasheet(
     calibration: str | Path | None = None,
     seed: int | None = None,
     revision: str = "",
+    progress: CountedProgress = silent,
 ) -> Report:
     """The page an engineer signs, as `roslf datasheet` writes it; `render_pdf` and `render_html` print it.
 
@@ -488,8 +524,8 @@ def datasheet(
         grounds = sheet_of(design, known, distances)
     else:
         expect(design, "design", (str, os.PathLike), "a Design, the name of a preset or the path of a file")
-        grounds = datasheet_of(Path(design), seed, silent, known, distances)
-    return datasheet_report(grounds, head)
+        grounds = datasheet_of(Path(design), seed, progress, known, distances)
+    return datasheet_report(grounds, head, tell=shares(progress, "pictures"))
 
 
 def _drawings(pictures: Mapping[str, Picture]) -> dict[str, str]:

@@ -4,6 +4,7 @@ import contextlib
 import doctest
 import os
 import pty
+import re
 import subprocess
 import sys
 import warnings
@@ -148,6 +149,39 @@ def test_a_tolerance_study_runs_in_this_process(tmp_path):
     assert result.to_dict()
     assert f"{result.final.result.value:.2%}" in str(result)
     assert len(str(result)) < 300  # not all its arrays
+
+
+@pytest.mark.parametrize(
+    "work",
+    [
+        lambda heard: roslf.sweep("paper", {"D_F": [2.0]}, ["fill_factor", "f_number_pupil"], progress=heard),
+        lambda heard: roslf.evaluate_many(["paper", "paper-singlet"], ["field_of_view_deg"], progress=heard),
+        lambda heard: roslf.render("paper", region=(2280, 1520, 40, 30), progress=heard),
+        lambda heard: roslf.tolerance("study.toml", trials=64, progress=heard),
+        lambda heard: roslf.measure_depth("paper", region=(2240, 1480, 80, 80), progress=heard),
+    ],
+    ids=["sweep", "evaluate_many", "render", "tolerance", "measure_depth"],
+)
+def test_long_work_tells_all_progress_in_the_same_way(work, tmp_path, monkeypatch, capsys):
+    """A step, how much of it, of how much: never less than before, and to its end; `ProgressLine` shows each."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "study.toml").write_text(STUDY)
+    told, line = {}, roslf.ProgressLine()
+
+    def heard(what, done=0.0, total=0.0):
+        told.setdefault(what, []).append((done, total))
+        line(what, done, total)
+
+    work(heard)
+    for steps in told.values():
+        shares = [done / total for done, total in steps if total]
+        assert shares == sorted(shares)
+        assert 0 <= shares[0] <= shares[-1] <= 1
+    assert shares[-1] == pytest.approx(1)
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    shown = [re.split(":| \\.", text.rpartition("\r")[2])[0] for text in printed.err.strip().split("\n")]
+    assert list(dict.fromkeys(shown)) == list(told)
 
 
 BAD = (

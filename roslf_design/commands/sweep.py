@@ -92,7 +92,9 @@ def sweep(
         raise refusal("quantity", "names none; give at least one, as fill_factor")
     try:
         with bar("sweep") as tell:
-            swept = compute(loaded, places, list(dict.fromkeys(names)), away, tell)
+            swept = compute(
+                loaded, places, list(dict.fromkeys(names)), away, lambda what, done=0.0, total=1.0: tell(done / total)
+            )
     except InputError as error:
         raise refusal("set", "; ".join(map(str, error.problems))) from None
     except ValueError as error:

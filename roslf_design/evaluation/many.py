@@ -14,6 +14,7 @@ from ..camera import Camera
 from ..design import Design
 from ..distances import Distance, one_distance
 from ..errors import expect, refusal
+from ..progress import CountedProgress, silent
 from ..theory.focused import FocusedArray
 from ..theory.limits import as_design
 from ..theory.quantities import quantities_of_cameras, thin_lens_note
@@ -34,6 +35,7 @@ def evaluate_many(
     *,
     at: Distance | tuple[Distance] | None = None,
     temperature: float | str | None = None,
+    progress: CountedProgress = silent,
 ) -> QuantityTable:
     """Quantities of many designs as a table: a row a design, a column a quantity.
 
@@ -52,6 +54,8 @@ def evaluate_many(
         focal plane.
     temperature : float or str, optional
         Of every camera, as for `evaluate`.
+    progress : callable, optional
+        Told how many of the designs behind real lenses are traced, and of how many, as by all functions.
 
     Returns
     -------
@@ -98,12 +102,15 @@ def evaluate_many(
     real = [row for row, design in enumerate(used) if design.main_lens.kind.mounted] if by_rays else []
     few = len(real) <= MOST_TRACED
     notes = [thin_lens_note(used, columns, untraced="" if few else f"a table of up to {MOST_TRACED} designs")]
-    for row in real if few else ():
+    for done, row in enumerate(real if few else ()):
+        progress("tracing", done, len(real))
         told, faults = rays_tell(partial(as_design, used[row]), [(quantity, at) for quantity in by_rays])
         notes += [f"{named[row][0]} without what rays tell: {fault}" for fault in faults[:1]]
         for quantity, value in zip(by_rays, told, strict=True):
             if value is not None:
                 columns[quantity.name][row] = value
+    if few and real:
+        progress("tracing", len(real), len(real))
     names = np.array([name for name, _ in named])
     units = {quantity.name: quantity.unit for quantity in known}
     return QuantityTable({"design": names, **columns}, units, note="; ".join(filter(None, notes)))

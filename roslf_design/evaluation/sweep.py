@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,6 +19,7 @@ from ..camera import Camera
 from ..design import PATHS, Design
 from ..distances import Distance, check_distances, one_distance
 from ..errors import expect, refusal
+from ..progress import CountedProgress, silent
 from ..theory.field_of_view import focus_ahead
 from ..theory.focused import refuse_focused
 from ..theory.limits import as_design
@@ -102,7 +103,7 @@ def sweep(
     places: Mapping[str, ArrayLike],
     quantities: str | Sequence[str],
     at: Distance | Sequence[Distance] | None = None,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: CountedProgress = silent,
 ) -> Sweep:
     """Quantities over one or two numbers of a design, all points at once.
 
@@ -121,7 +122,7 @@ def sweep(
         Distance ahead of the bore's tip for quantities that are asked for at one [mm], a list of one too; None is the
         focal plane. Behind the tip they have no value.
     progress : callable, optional
-        Told the share that is done, from 0 to 1.
+        Told what is being done, how many of the quantities and traced points, and of how many, as by all functions.
 
     Raises
     ------
@@ -167,10 +168,10 @@ def sweep(
 
     with np.errstate(all="ignore"):  # of points that are no cameras
         for done, quantity in enumerate(known):
-            progress(done / (len(known) + len(traced)))
+            progress("sweep", done, len(known) + len(traced))
             values[quantity.name] = np.stack([of_points(quantity, one) for one in distances])
     for done, k in enumerate(traced, len(known)):
-        progress(done / (len(known) + len(traced)))
+        progress("sweep", done, len(known) + len(traced))
         point = {PATHS.get(place, place): float(own.ravel()[k]) for place, own in zip(built, grid, strict=True)}
         asked = [(quantity, one) for quantity in by_rays for one in distances]
         told, faults = rays_tell(partial(design.replace, point), asked)
@@ -178,6 +179,7 @@ def sweep(
         for (quantity, one), value in zip(asked, told, strict=True):
             if value is not None:
                 values[quantity.name][distances.index(one), k] = value
+    progress("sweep", len(known) + len(traced), len(known) + len(traced))
 
     def shaped(each: NDArray[Any]) -> NDArray[Any]:
         """Values at distances and points, on the grid's axes in their order."""
