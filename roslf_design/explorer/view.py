@@ -522,7 +522,7 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
     alike, last = curve.sigma <= known, curve.place[-1]
     budget = source.evaluation.depth_budget
     ahead = source.evaluation.answer.working_distance_mm
-    share = f"{100 * float(budget.u_z_mm) / ahead:.2g} % of the {short(ahead, 4)} mm from the tip"
+    share = f"{100 * float(budget.expanded_mm) / ahead:.2g} % of the {short(ahead, 4)} mm from the tip"
     noise = "Noise (bound)" if assumed is not None else noise_words(True).capitalize()
     text = (
         f"Depth, expected, lengths {budget.lengths}, in the plane in focus: {budget.words}, {share}. "

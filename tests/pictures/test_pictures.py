@@ -555,15 +555,16 @@ def test_depth_is_drawn_over_the_working_range_and_all_that_is_required():
         assert u > bound
     picture = depth_precision(scope, known=known)
     keys = [key.text for key in picture.keys]
-    assert any(text.startswith("u_Z, depth, expected") and "with lengths as built" in text for text in keys)
-    assert "required: u_Z at most 0.9 mm at 3 mm, met" in keys
+    assert any(text.startswith("U, depth, expected") and "with lengths as built" in text for text in keys)
+    assert "required: U at most 1.8 mm at 3 mm, met" in keys
     colours = {key.text: key.samples[0].colour for key in [*picture.keys, *depth_precision(scope).keys] if key.samples}
     told = {"met as drawn": "orange", "met": "green"}  # as verdicts have it: met with a reservation, and without one
-    assert {word: colours[f"required: u_Z at most 0.9 mm at 3 mm, {word}"] for word in told} == told
-    assert "required: u_Z at most 0.01 mm at 60 mm, missed" in keys
+    assert {word: colours[f"required: U at most 1.8 mm at 3 mm, {word}"] for word in told} == told
+    assert "required: U at most 0.02 mm at 60 mm, missed" in keys
     assert not any("at 90 mm" in text for text in keys)  # is no limit on depth
     signs = [mark for mark in picture.marks if mark.testid == "required"]
-    assert [(*mark.x, *mark.y) for mark in signs] == [(3.0, 0.9), (60.0, 0.01)]
+    assert [(*mark.x, *mark.y) for mark in signs] == [(3.0, 1.8), (60.0, 0.02)]  # as quoted: U = 2 u
+    assert picture.panels[0].y_label == "depth, U (k = 2) [mm]"
     assert {"depth-curve", "sigma-curve"} <= {mark.testid for mark in picture.marks}
 
 

@@ -36,7 +36,7 @@ from ...evaluation import default_fields
 from ...evaluation.fields import judged_part
 from ...evaluation.required import required_distances
 from ...evaluation.working_range import WorkingRange
-from ...theory.depth_budget import BUILT, CALIBRATED, DepthBudget, depth_budget
+from ...theory.depth_budget import BUILT, CALIBRATED, COVERAGE, DepthBudget, depth_budget
 from ...theory.depth_error import depth_at, errors_at_fields
 from ...theory.f_number import matched, mismatch_px
 from ...theory.field_of_view import focus_ahead, judged_field
@@ -54,6 +54,8 @@ LOOKS = (("blue", ""), ("orange", "7 4"), ("green", "8 3 2 3"))
 BOUND = "purple", 1.6, "8 3 2 3"
 """Colour, width and line of the bound of depth, beside depth, expected: told apart with any colour vision, and in grey.
 """
+UNCERTAINTY = f"depth, U (k = {COVERAGE}) [mm]"
+"""Axis of depth, as the pages quote it."""
 UNKNOWN = box_key("unknown", "grey", 0.9, hatch=True)
 ABOUT = 0.4, 1.8
 """Ends of the distances drawn, in distances of the focal plane, where depth is of use at none or at all."""
@@ -150,14 +152,15 @@ def _depth_curve(design: Design, points: int = 241, known: KnownLengths = DRAWN)
 
 
 def depth_precision(design: Design, size: Point = (560, 320), known: KnownLengths = DRAWN) -> Picture:
-    """Draw u_Z and its bound sigma_Z over the distance ahead of the tip, what is required of them, and the defocus.
+    """Draw U and its bound over the distance ahead of the tip, both k = 2, what is required of them, and the defocus.
 
     The picture's mapping takes pixels to that distance and depth's uncertainty [mm]; `size` in px, and higher by what
     the keys of what is required take.
     """
     distance, expected, sigma, blur, ahead, focus, _, counts = curve = _depth_curve(design, 121, known)
+    expected, sigma, focus = COVERAGE * expected, COVERAGE * sigma, COVERAGE * focus
     finite = np.isfinite(expected)
-    drawn = _depth_keys(design, f"1 σ, {counts}") if finite.any() else ()
+    drawn = _depth_keys(design, counts) if finite.any() else ()
     keys = [*drawn, line_key("spread of a point on the MLA (right axis)", "orange", 1.8, "7 4")]
     asked, told = _asked_of_depth(design, curve)
     across = Scale(float(distance[0]), float(distance[-1]))
@@ -165,7 +168,7 @@ def depth_precision(design: Design, size: Point = (560, 320), known: KnownLength
     limited = [float(y) for mark in asked if isinstance(mark, Dots) for y in np.ravel(mark.y)]
     up = _up([*expected[finite], *sigma[finite], *limited])
     sharp = (
-        f"{short(focus, 3)} mm"
+        f"± {short(focus, 3)} mm"
         if math.isfinite(focus)
         else "unknown, as light, texture or images that overlap give none"
     )
@@ -190,7 +193,7 @@ def depth_precision(design: Design, size: Point = (560, 320), known: KnownLength
         *(replace(mark, y=[up.low, up.high]) if isinstance(mark, Line) else mark for mark in asked),
         Text(ahead, up.high, words, "ink", SMALL, "start", start - at, 14, halo=True),
     )
-    labels = "distance ahead of the tip [mm]", "depth, 1 σ [mm]"
+    labels = "distance ahead of the tip [mm]", UNCERTAINTY
     panel = Panel((0, 0, 1, 1), across, up, marks, *labels)
     title = f"Depth, expected, of {design.name}: {sharp} at the focal plane, {ahead:.4g} mm ahead of the tip"
     tall = size[1] + legend_height(told, size[0] - 24)
@@ -207,8 +210,8 @@ def _depth_keys(design: Design, counts: str) -> tuple[Key, Key]:
     """Keys of depth as expected, of what it counts, and of its bound."""
     given = design.depth.disparity_error is not None
     return (
-        line_key(f"u_Z, depth, expected, {counts}", "blue", 2.2),
-        line_key(f"σ_Z, {noise_words(True) if given else 'its bound by photons and read noise'}", *BOUND),
+        line_key(f"U, depth, expected, {counts}", "blue", 2.2),
+        line_key(f"2 σ_Z, {noise_words(True) if given else 'its bound by photons and read noise'}", *BOUND),
     )
 
 
@@ -216,7 +219,7 @@ def _asked_of_depth(design: Design, curve: _DepthCurve) -> tuple[list[Mark], lis
     """Signs of what a design requires of depth, at distances that are drawn, lines at others required; their keys."""
     signs: list[Mark] = []
     keys: list[Key] = []
-    told = {"u_z_mm": ("u_Z", curve.expected, curve.in_focus), "sigma_z_mm": ("σ_Z", curve.sigma, curve.least)}
+    told = {"u_z_mm": ("U", curve.expected, curve.in_focus), "sigma_z_mm": ("2 σ_Z", curve.sigma, curve.least)}
     others: dict[float, None] = {}
     for asked, quantity, _, most in limits(design):
         at = curve.focus if asked.at is None else asked.at
@@ -230,9 +233,9 @@ def _asked_of_depth(design: Design, curve: _DepthCurve) -> tuple[list[Mark], lis
         met = bool(quantity.within(None, most, value))
         drawn_alone = met and quantity.name == "u_z_mm" and curve.counts == AS_DRAWN
         look = ("orange" if drawn_alone else "green" if met else "vermillion", "v")  # the colours of verdicts
-        signs.append(Dots([at], [most], *look, size=5, edge="ground", width=1, testid="required"))
+        signs.append(Dots([at], [COVERAGE * most], *look, size=5, edge="ground", width=1, testid="required"))
         outcome = f"met{' as drawn' * drawn_alone}" if met else "missed"
-        words = f"required: {symbol} at most {short(most)} mm at {short(at)} mm, {outcome}"
+        words = f"required: {symbol} at most {short(COVERAGE * most)} mm at {short(at)} mm, {outcome}"
         keys.append(dot_key(words, *look))
         others.pop(at, None)
     if others:
@@ -271,8 +274,9 @@ def field_curve(design: Design) -> _FieldCurve:
 
 
 def depth_over_field(design: Design, size: Point = (560, 320)) -> Picture:
-    """Draw u_Z and its bound at the focal plane over the field, from its centre to its corner; `size` in px."""
+    """Draw U and its bound, k = 2, at the focal plane over the field, from its centre to its corner; `size` in px."""
     place, sigma, expected = field_curve(design)
+    sigma, expected = COVERAGE * sigma, COVERAGE * expected
     known = np.isfinite(expected)
     best = float(np.min(expected[known], initial=math.inf))
     across = Scale(0.0, float(place[-1]) or design.d / 2)
@@ -283,10 +287,10 @@ def depth_over_field(design: Design, size: Point = (560, 320)) -> Picture:
     if not place[-1] > 0:  # a single microlens sees all
         drawn = Dots(place[known][:1], shown[known][:1], "blue", size=6, testid="field-curve")
     marks = (*_unknown(place, known, up), Line(place[known], bound[known], *BOUND), drawn)
-    labels = "microlens, from the field's centre to its corner [mm]", "depth, 1 σ [mm]"
+    labels = "microlens, from the field's centre to its corner [mm]", UNCERTAINTY
     curves = _depth_keys(design, "in the plane in focus, lengths as drawn") if known.any() else ()
     keys = [*curves, *([] if known.all() else [UNKNOWN])]
-    ends = [f"{short(float(value), 3)} mm" if math.isfinite(value) else "unknown" for value in expected[[0, -1]]]
+    ends = [f"± {short(float(value), 3)} mm" if math.isfinite(value) else "unknown" for value in expected[[0, -1]]]
     title = f"Depth, expected, of {design.name} over the field: {ends[0]} at its centre, {ends[1]} at its corner"
     return one_panel("depth-field", title, size, Panel((0, 0, 1, 1), across, up, marks, *labels), keys)
 
@@ -302,24 +306,25 @@ def _unknown(x: Array, known: NDArray[np.bool_], up: Scale) -> tuple[Mark, ...]:
 
 
 def depth_comparison(designs: Mapping[str, Design]) -> Picture:
-    """Draw u_Z and, thin, its bound of up to three named designs over the distance ahead of the tip; log axes."""
+    """Draw U and, thin, its bound, k = 2, of up to three named designs over the distance ahead of the tip; log axes."""
     marks: list[Mark] = []
     keys: list[Key] = []
     xs, ys = [], []
     for (name, design), (colour, dash) in zip(designs.items(), LOOKS, strict=False):
         curve = _depth_curve(design)
         known = np.isfinite(curve.expected)
+        expanded, bound = COVERAGE * curve.expected[known], COVERAGE * curve.sigma[known]
         xs.append(curve.distance[known])
-        ys.append(np.concatenate([curve.expected[known], curve.sigma[known]]))
-        marks.append(Line(xs[-1], curve.expected[known], colour, 2.0, dash))
-        marks.append(Line(xs[-1], curve.sigma[known], colour, 0.8, dash))
+        ys.append(np.concatenate([expanded, bound]))
+        marks.append(Line(xs[-1], expanded, colour, 2.0, dash))
+        marks.append(Line(xs[-1], bound, colour, 0.8, dash))
         if math.isfinite(curve.in_focus):
-            marks.append(Dots([curve.focus], [curve.in_focus], colour, size=5, edge="ground", width=1.5))
+            marks.append(Dots([curve.focus], [COVERAGE * curve.in_focus], colour, size=5, edge="ground", width=1.5))
         keys.append(line_key(f"{name}: {design.name}", colour, 2.0, dash))
     every = [np.concatenate(values) for values in (xs, ys)]
     across, up = (Scale(np.min(v, initial=1e9) / 1.15, np.max(v, initial=1e-9) * 1.15, log=True) for v in every)
     panel = Panel(
-        (0, 0, 1, 1), across, up, tuple(marks), "distance ahead of the tip [mm]", "u_Z, thin: depth noise σ_Z [mm]"
+        (0, 0, 1, 1), across, up, tuple(marks), "distance ahead of the tip [mm]", f"{UNCERTAINTY}, thin: 2 σ_Z"
     )
     title = f"Depth, expected, of {', '.join(design.name for design in designs.values())}"
     return one_panel("depth-comparison", title, (PAGE, 320 + legend_height(keys, PAGE - 24)), panel, keys)

@@ -211,9 +211,9 @@ def depth_figure(design: Design, known: KnownLengths = DRAWN, more: str = "", ta
     budget = known.budget(Camera.of(design), None)
     noise = "the bound" if design.depth.disparity_error is None else noise_words(True)
     caption = (
-        f"Depth, expected, 1 σ, {counted_lengths(budget)}: {uncertainty(float(budget.u_z_mm), 3)} at the focal plane, "
-        f"which a measurement is to be believed to, and below it {noise}, over the working range and all distances "
-        f"that are required or asked for.{more}"
+        f"Depth, expected, U (k = 2), {counted_lengths(budget)}: {uncertainty(float(budget.expanded_mm), 3, '± ')} at "
+        f"the focal plane, which a measurement is to be believed to, and below it {noise}, over the working range and "
+        f"all distances that are required or asked for.{more}"
     )
     return Figure.of("depth", "Depth, expected, over distance", caption, depth_precision(design, (PAGE, tall), known))
 
@@ -225,7 +225,7 @@ def depth_sheet(design: Design, result: Evaluation, known: KnownLengths = DRAWN)
     where = "at the tip" if behind == "0" else f"{behind} mm behind the tip"
     noise = "The bound" if depth.assumes else noise_words(True).capitalize()
     more = (
-        f" {noise} is {number(depth.sigma_z_mm, 3)} mm at the focal plane, where the disparity between the FAP's "
+        f" {noise} is σ_Z = {number(depth.sigma_z_mm, 3)} mm at the focal plane, where the disparity between the FAP's "
         f"rims is known to {number(depth.sigma_disparity_pitches, 3)} microlens pitches ({basis}). Both grow with the "
         f"square of the distance from the FAP ({where}), and further as views blur. The dashed "
         "curve shows how many microlenses an object point spreads over: far from the focal plane views must be "
