@@ -28,7 +28,7 @@ from ..bore.mapping import MappingTable
 from ..bore.real_lens import Lens
 from ..calibration.options import BoardDistances, PlanOptions
 from ..catalogue.entries import MODELS
-from ..design import Design, Light, MainLens, MicrolensArray, Pupil, Sensor, Stop
+from ..design import PATHS, Design, Light, MainLens, MicrolensArray, Pupil, Sensor, Stop
 from ..design.environment import Environment
 from ..design.parts import Cover, DepthSettings, Housing, Substrate
 from ..design.required import Required
@@ -221,11 +221,37 @@ def looked_up(name: str) -> list[tuple[KeyTable, list[FileKey]]]:
     ]
     if single := [(table, keys) for table, keys in several if keys]:
         return single
+    if name in PATHS:
+        return looked_up(PATHS[name])
+    if others := _called(steps):
+        return [found for other in others for found in looked_up(".".join([other, *steps[1:]]))]
     if len(steps) > 2 and steps[0] in {step for known in _names() for step in known.split(".")}:
         return looked_up(".".join(steps[1:]))  # a table within tables goes by its own name
     meanings = {table.place: table.about for table in TABLES}
     near = nearest(".".join(steps), _names(), _OVERVIEW, meanings)
     raise InputError((Problem("", f"'{name}' is no table and no key of a file; {near}"),))
+
+
+def _called(steps: Sequence[str]) -> tuple[str, ...]:
+    """Names in files of what guides call otherwise, or name in the singular or plural; empty of others."""
+    word = next(iter(steps), "")
+    known = {step for place in _names() for step in place.split(".")}
+    forms = () if word in known else (word, f"{word}s", word.removesuffix("s"))
+    return next((CALLED.get(form, (form,)) for form in forms if form in CALLED or form in known), ())
+
+
+CALLED = {
+    "study": ("tolerance", "optimize"), "studies": ("tolerance", "optimize"), "optimise": ("optimize",),
+    "optimisation": ("optimize",), "optimization": ("optimize",), "perturbation": ("perturb",), "front": ("pareto",),
+    "limit": ("required", "tolerance.goals", "constraints"), "requirement": ("required",),
+    "adjuster": ("compensators",),
+    "camera": ("design",), "fap": ("aperture",), "pupil": ("aperture",), "mla": ("microlens_array",),
+    "array": ("microlens_array",), "microlens": ("microlens_array",), "microlenses": ("microlens_array",),
+    "objective": ("elements.lens",), "relay": ("elements.lens", "relay_magnification"), "rod": ("elements.grin",),
+    "liquid": ("object_space",), "water": ("object_space",), "cone": ("tube",), "lamp": ("light",),
+    "illumination": ("light",), "filter": ("colours",), "focus": ("focal_plane",), "capture": ("bench",),
+}  # fmt: skip
+"""Words of guides and people, and what files call them."""
 
 
 def told_of(name: str, shown: Sequence[tuple[KeyTable, list[FileKey]]]) -> list[str]:

@@ -9,7 +9,7 @@ from pydantic import BaseModel
 
 from roslf_design.cli import main
 from roslf_design.errors import InputError
-from roslf_design.reporting.keys import FILES, NEEDED, TABLES, looked_up
+from roslf_design.reporting.keys import CALLED, FILES, NEEDED, TABLES, looked_up
 
 
 def models_in(hint):
@@ -102,3 +102,25 @@ def test_a_key_whose_table_is_of_several_kinds_says_where_those_are(capsys):
     assert "roslf keys scene.texture.noise" in capsys.readouterr().out
     assert main(["keys", "scene.objects.plane.texture.noise"]) == 0
     assert "scene.texture.noise: " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("word", "places"),
+    [
+        ("study", {"tolerance", "optimize"}),
+        ("study.design", {"tolerance", "optimize"}),
+        ("optimisation", {"optimize"}),
+        ("limits", {"design.required", "tolerance.goals", "optimize.constraints"}),
+        ("compensator", {"tolerance.compensators"}),
+        ("objective", {"design.elements.lens"}),
+        ("d_3", {"design.aperture"}),
+        ("D_F", {"design.aperture"}),
+    ],
+)
+def test_words_of_the_guides_lead_to_what_files_call_so(word, places):
+    assert places <= {table.place for table, _ in looked_up(word)}
+
+
+def test_every_word_of_the_guides_leads_somewhere():
+    for word in CALLED:
+        assert looked_up(word), word
