@@ -472,7 +472,8 @@ def _aliased(
 ) -> float:
     """Share of a field in which a texture's finest detail has fewer than `SEEN` microlenses a period.
 
-    Edges of what is black are detail half as fine.
+    Edges of what is black are detail half as fine. Neighbours across a step are not of one surface: on each side the
+    nearer one tells how far apart microlenses look.
     """
     if texture is None or min(true.shape) < 2:
         return 0.0
@@ -480,7 +481,13 @@ def _aliased(
         4, *true.shape
     )
     points = np.stack([x - along * true, y - down * true, true])
-    apart = np.linalg.norm(np.gradient(points, field.v, field.u, axis=(1, 2)), axis=1).max(0)
+    apart = np.zeros(true.shape)
+    for axis, at in enumerate((field.v, field.u)):
+        away = np.linalg.norm(np.diff(points, axis=1 + axis), axis=0) / np.expand_dims(np.diff(at), 1 - axis)
+        before, behind = (np.insert(away, end, np.nan, axis=axis) for end in (0, away.shape[axis]))
+        apart = np.maximum(apart, np.fmin(before, behind))
+    if min(true.shape) > 2:  # the outermost have a neighbour on one side alone
+        apart = apart[1:-1, 1:-1]
     known = np.isfinite(apart)
     finest = texture.finest * 1.001 / (2 if texture.black > BLACK else 1)
     return float((apart[known] * SEEN > finest).mean()) if known.any() else 0.0

@@ -302,3 +302,16 @@ def test_captures_tell_what_is_done(folder, lytro):
         assert all(shares == sorted(shares) and max(shares, default=0.0) <= 1 for _, shares in steps)
         assert len(set(steps[-1][1])) > 4
         assert steps[-1][1][-1] == 1.0
+
+
+def test_a_step_between_walls_whose_texture_is_seen_is_no_aliasing(monkeypatch):
+    """Across it neighbours look at points far apart, of two walls, each with three microlenses a period."""
+    design, part = roslf.load("paper"), PictureOptions(region=(2240, 1480, 110, 110))
+    fewer_rays(monkeypatch)
+    at_first_sight(monkeypatch)
+    texture = {"kind": "noise", "finest": 3.0 * float(roslf.quantity("object_sample_mm")(Camera.of(design)))}
+    walls = [{"kind": "plane", "distance": design.d_f, "texture": texture}]
+    walls += [{"kind": "plane", "distance": design.d_f - 6, "size": (40, 40), "centre": (20, 0), "texture": texture}]
+    trial = simulate(design, make_scene({"objects": walls}), part)
+    assert len({*np.round(trial.true[np.isfinite(trial.true)], 3)}) == 2
+    assert trial.aliased == 0

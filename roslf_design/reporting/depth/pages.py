@@ -172,7 +172,10 @@ def statements(trial: Trial) -> Iterator[Statement]:
     yield from _light_of_the_scene(trial)
     yield known(trial, summary)
     if trial.aliased > 0:
-        text = f"Is the texture seen? In {_percent(trial.aliased)} of the field it aliases: finer than two microlenses."
+        text = (
+            f"Is the texture seen? In {_percent(trial.aliased)} of the field it aliases: far or tilted as it is there, "
+            "its finest detail has fewer than two microlenses a period."
+        )
         remedy = "Depth scatters more there than predicted: look at a flatter or nearer part."
         if trial.black:
             text += f" So much contrast leaves {_percent(trial.black)} of it black, with edges finer than its detail."
