@@ -398,6 +398,19 @@ def unknown(what: str, why: str) -> dict[str, str]:
     return {**light, "text": to_html(words), "plain": words, "remedy": ""}
 
 
+def awaited_lights(design: Design) -> list[dict[str, str]]:
+    """Lights of the verdicts that a camera will have, before any is known, in the room that these will take."""
+    named = {
+        "required": "required" * bool(design.required),
+        **{name: TITLES[name] for name in ("f_number_matched", "field_undistorted", "views_resolved")},
+        "thin_lens_holds": TITLES["thin_lens_holds"] * bool(design.main_lens.kind.mounted),
+        "corner_lit": TITLES["corner_lit"],
+        "fits_tube": "fits tube" * (design.tube is not None),
+    }
+    words = {"margin": "computing ...", "text": "Not computed yet.", "plain": "computing"}
+    return [{**TRACING, **words, "name": name, "title": title} for name, title in named.items() if title]
+
+
 def shown_lights(source: PictureSource) -> list[dict[str, str]]:
     """The verdicts as lights; those of the thin-lens model without colour, as long as a real lens is not traced."""
     found = lights(source.evaluation)

@@ -463,6 +463,7 @@
       const box = ref(null);
       let serial = 0;
       let placed = false;
+      let upright = false; // where the view is high and the instrument long, it stands in it
       async function begin() {
         if (ready.value || failed.value) return;
         if (!hasWebGl()) { failed.value = true; return; }
@@ -493,13 +494,18 @@
         // In this order: resetting sets the clipping range, and asking for the camera makes it known to the view.
         view.value.resetCamera();
         view.value.getCamera();
-        view.value.setCamera({ ...camera, ...whole(), parallelProjection: true, centerOfRotation: camera.focalPoint });
+        const { width, height } = box.value.getBoundingClientRect();
+        upright = height > width && halfWidth > camera.parallelScale;
+        const ahead = camera.focalPoint.map((value, i) => value - camera.position[i]);
+        const viewUp = upright ? unit(cross(ahead, camera.viewUp)) : camera.viewUp;
+        view.value.setCamera({ ...camera, viewUp, ...whole(), parallelProjection: true, centerOfRotation: camera.focalPoint });
       }
       // Scale at which all of it is seen.
       function whole() {
         const { halfWidth, parallelScale } = toRaw(props.scene.camera);
         const { width, height } = box.value.getBoundingClientRect();
-        return { parallelScale: Math.max(parallelScale, (halfWidth * height) / Math.max(width, 1)) };
+        const [along, across] = upright ? [parallelScale, halfWidth] : [halfWidth, parallelScale];
+        return { parallelScale: Math.max(across, (along * height) / Math.max(width, 1)) };
       }
       const resized = new ResizeObserver(([{ contentRect }]) => {
         if (placed && view.value && contentRect.width) view.value.setCamera({ ...view.value.getCamera(), ...whole() });
