@@ -30,7 +30,9 @@ from ..depth.from_files import CaptureOptions, captured
 from ..design import PATHS, Design
 from ..errors import InputError, refusal
 from ..evaluation.required import required_depth
-from ..evaluation.specification import ASKED, Specification, resolved, specification
+from ..evaluation.resolved import resolved
+from ..evaluation.specification import Specification, specification
+from ..evaluation.stations import ASKED
 from ..json_data import plain
 from ..progress import CountedProgress, silent
 from ..tables import BriefValue

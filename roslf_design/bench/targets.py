@@ -14,8 +14,9 @@ from ..calibration.model import Board, Markers
 from ..camera import Camera
 from ..design import Design
 from ..errors import refusal
+from ..evaluation.field_images import FieldImages, ObjectField
 from ..evaluation.required import required_depth, required_distances
-from ..evaluation.specification import ASKED, FieldImages, ObjectField, planes
+from ..evaluation.stations import ASKED, planes
 from ..theory.depth_budget import depth_budget
 from ..theory.light import object_scale
 from ..theory.vignetting import lit_radius

@@ -14,10 +14,11 @@ from ..design import Design
 from ..errors import refusal
 from ..evaluation import evaluate as compute
 from ..evaluation.evaluate import evaluation_accuracy
+from ..evaluation.field_images import FieldImages
 from ..evaluation.fields import FIELD_NAMES, MOST_FIELDS, Place, default_fields
 from ..evaluation.required import required_distances
 from ..evaluation.result import Evaluation, field_table, print_evaluation, print_short
-from ..evaluation.specification import FieldImages, specification
+from ..evaluation.specification import specification
 from ..tables import csv_bytes
 from ..theory.limits import as_design
 from ..units import FARTHEST, read_quantity

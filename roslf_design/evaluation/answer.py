@@ -23,17 +23,10 @@ from ..theory.limits import limits
 from ..theory.quantities import QUANTITIES
 from ..traced.fields import DesignImages, IdealImages, images_of
 from ..words import clauses, listed, number, on_side, uncertainty
-from .specification import (
-    ASKED,
-    CORNER,
-    FOCUS,
-    FieldImages,
-    FieldOfView,
-    ObjectField,
-    depth_light,
-    resolved,
-    sides,
-)
+from .field_images import CORNER, FieldImages, FieldOfView, ObjectField, sides
+from .resolved import resolved
+from .specification import depth_light
+from .stations import ASKED, FOCUS
 from .working_range import WorkingRange, ranges
 
 Row = tuple[str, str, str]

@@ -39,6 +39,8 @@ from ..theory.vignetting import field_limit
 from ..traced.fields import images_of
 from ..units import FARTHEST
 from .answer import FirstAnswer
+from .doubts import warnings_of
+from .field_images import FieldImages
 from .fields import MOST_FIELDS, default_fields, evaluate_fields, judged_field, rays_for, trace_lens
 from .groups import (
     AtTemperature,
@@ -49,10 +51,11 @@ from .groups import (
     SeenPart,
     Temperatures,
 )
+from .part_verdicts import buildable, named_otherwise, walled
 from .required import Requirement, depth_off_axis, requirements
 from .result import Evaluation
-from .specification import FieldImages, depth_assumptions
-from .verdicts import buildable, named_otherwise, sharp_over_field, verdicts_of, walled, warnings_of
+from .specification import depth_assumptions
+from .verdicts import sharp_over_field, verdicts_of
 
 METHOD = (
     "Closed forms and exact disc areas for pinhole microlenses in focus behind an ideal thin lens; rounding errors are "

@@ -20,7 +20,7 @@ from ..theory.limits import as_design
 from ..theory.quantities import quantities_of_cameras, thin_lens_note
 from ..theory.quantity_table import QuantityTable
 from .evaluate import at_temperature
-from .specification import MOST_TRACED, rays_tell
+from .field_images import MOST_TRACED, rays_tell
 
 ANSWERS = (
     *("field_of_view_width_deg", "working_distance_mm", "field_half_width_mm", "object_sample_mm", "u_z_mm"),

@@ -27,11 +27,11 @@ from ..theory.limits import AT_FIELD, OFF_AXIS, as_design, held_by_builds, limit
 from ..theory.quantities import EXPANDED, QUANTITIES, quantity_named
 from ..theory.quantity import FEASIBLE, Quantity
 from ..words import clauses, length, number, on_side, uncertainty
+from .field_images import FieldImages
 from .fields import place_off_axis
 from .groups import Verdict
 from .remedies import MATCH, Holds, is_matched
 from .reservations import CHARGE, DETAIL, OF_DEPTH, WAYS, Judged, Valued, in_light, least_in_light, most_light, reserved
-from .specification import FieldImages
 
 DETAILS = (DETAIL, "mtf10_lp_per_mm", "mtf50_lp_per_mm")
 """Resolutions, which diffraction ends."""

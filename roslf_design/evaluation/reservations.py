@@ -26,8 +26,9 @@ from ..theory.quantity import FEASIBLE, Quantity
 from ..theory.vignetting import passed
 from ..traced.fields import images_of
 from ..words import clauses, length, number, on_side, percent, the, uncertainty
+from .field_images import FieldImages, ends_of
 from .remedies import Holds, reaching
-from .specification import FieldImages, ends_of, view_fold
+from .specification import view_fold
 
 WAYS = "`roslf sweep` shows what moves it, and as a study's [[constraints]] `roslf optimize` holds it"
 """Remedy of a limit that is not held."""

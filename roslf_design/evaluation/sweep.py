@@ -26,7 +26,7 @@ from ..theory.limits import as_design
 from ..theory.quantities import QUANTITIES, quantities_of_cameras, thin_lens_note
 from ..theory.quantity import Quantity
 from ..theory.quantity_table import QuantityTable
-from .specification import MOST_TRACED, rays_tell
+from .field_images import MOST_TRACED, rays_tell
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from typing import Any
 from ..camera import Camera
 from ..design import Design
 from ..drawing.theme import short
-from ..evaluation.specification import rays_tell
+from ..evaluation.field_images import rays_tell
 from ..optimization.study import Result
 from ..reporting.blocks import Statement
 from ..reporting.optimise.pages import statements

@@ -21,10 +21,10 @@ from ..drawing.picture import Picture
 from ..drawing.theme import short
 from ..errors import FAULTS
 from ..evaluation import Evaluation
+from ..evaluation.field_images import RIM
 from ..evaluation.groups import Verdict
 from ..evaluation.required import Requirement
 from ..evaluation.result import depth_facts
-from ..evaluation.specification import RIM
 from ..evaluation.verdicts import farthest_off
 from ..lenses.glass import Glass
 from ..reporting.depth.pictures import normalised, profile

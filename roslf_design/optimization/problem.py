@@ -23,7 +23,7 @@ from .._arrays import Array
 from ..bore.conjugates import CONJUGATES, follower
 from ..camera import BESIDE, TIP, Camera, Number
 from ..design import PATHS, Design
-from ..evaluation.specification import FieldImages, rays_tell
+from ..evaluation.field_images import FieldImages, rays_tell
 from ..lenses.glass import Glass
 from ..theory.field_of_view import focus_ahead
 from ..theory.focused import LEAST_VIEWS, LIMIT, filtered_views, pupil_blur_ratio

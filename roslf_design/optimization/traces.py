@@ -18,7 +18,7 @@ from ..bore.conjugates import CONJUGATES
 from ..bore.part import TEMPERATURE
 from ..camera import BESIDE, VIEWING_CONDITIONS, Camera, Number
 from ..design import PATHS, Design
-from ..evaluation.specification import FieldImages
+from ..evaluation.field_images import FieldImages
 from ..lenses.prescription import first_order
 from ..theory.quantity import Quantity
 from ..tolerancing.ideal import IdealBuilds

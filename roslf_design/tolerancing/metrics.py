@@ -18,7 +18,7 @@ from ..bore.main_lens import IdealMainLens, RealMainLens, SheetMainLens
 from ..bore.part import TEMPERATURE
 from ..camera import TEMPERATURES, Camera, Number
 from ..design import PATHS, Design
-from ..evaluation.specification import FieldImages, rays_tell
+from ..evaluation.field_images import FieldImages, rays_tell
 from ..theory.field_of_view import focus_ahead
 from ..theory.quantities import DECODED, QUANTITIES
 from ..theory.quantity import Quantity

@@ -15,7 +15,7 @@ import mpmath as mp
 import numpy as np
 
 from roslf_design.design import Design
-from roslf_design.evaluation.verdicts import Near, near_cases
+from roslf_design.evaluation.near_cases import Near, near_cases
 
 from .forms import CLOSED
 from .oracles.judging import DIGITS, Judged, exactly, flat, judge, last_place

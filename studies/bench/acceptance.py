@@ -31,7 +31,8 @@ from roslf_design.calibration.options import PlanOptions
 from roslf_design.camera import Camera
 from roslf_design.cli import main as roslf
 from roslf_design.design import Design, load
-from roslf_design.evaluation.specification import ASKED, resolved
+from roslf_design.evaluation.resolved import resolved
+from roslf_design.evaluation.stations import ASKED
 from roslf_design.reporting.blocks import Paragraph, Report, Section
 from roslf_design.reporting.printers import page_files
 from roslf_design.tables import Table

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.evaluation.verdicts import near_cases
+from roslf_design.evaluation.near_cases import near_cases
 from roslf_design.reporting.printers import render_html
 from studies.accuracy.hard_cases import Budget, HardCase, Trial, run_hard_cases
 from studies.accuracy.hard_page import hard_cases_report, tangency_table

@@ -12,7 +12,7 @@ from roslf_design.calibration import camera_of, derived, sheet_of
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import depth_of, disparity_of
 from roslf_design.design import DesignError
-from roslf_design.evaluation.verdicts import near_cases
+from roslf_design.evaluation.near_cases import near_cases
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
 from tests.oracles.relays import in_focus, relay_scopes

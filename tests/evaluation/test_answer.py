@@ -8,7 +8,8 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.errors import InputError
-from roslf_design.evaluation.specification import FOCUS, FieldImages
+from roslf_design.evaluation.field_images import FieldImages
+from roslf_design.evaluation.stations import FOCUS
 from roslf_design.evaluation.verdicts import lit
 from roslf_design.theory.depth_budget import depth_budget
 

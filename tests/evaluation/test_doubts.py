@@ -8,7 +8,7 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.catalogue.entries import named_window
 from roslf_design.errors import InputError
-from roslf_design.evaluation.verdicts import full_well_doubt
+from roslf_design.evaluation.doubts import full_well_doubt
 from roslf_design.reporting.blocks import Table
 from roslf_design.reporting.sheet.lines import basis, datasheet_section
 from roslf_design.theory.light import sensor_field

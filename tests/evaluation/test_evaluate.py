@@ -20,8 +20,9 @@ from roslf_design.design import DesignError
 from roslf_design.errors import InputError
 from roslf_design.evaluation.fields import evaluate_fields, rays_for
 from roslf_design.evaluation.groups import RayBudget, Share
+from roslf_design.evaluation.part_verdicts import FASTEST_ARRAY, lens_speed
 from roslf_design.evaluation.result import budget_table, seen_table
-from roslf_design.evaluation.verdicts import FASTEST_ARRAY, _field_remedy, _thin, lens_speed
+from roslf_design.evaluation.verdicts import _field_remedy, _thin
 from roslf_design.reporting.blocks import Table
 from roslf_design.reporting.design.pages import _accuracy_section
 from roslf_design.reporting.design.parts_list import parts_section

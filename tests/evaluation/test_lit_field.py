@@ -11,7 +11,7 @@ import roslf_design as roslf
 from roslf_design._arrays import sunflower
 from roslf_design.bench.targets import setup_for
 from roslf_design.calibration.planning import Captures, fitting_board
-from roslf_design.evaluation.specification import FieldImages, ObjectField, sides
+from roslf_design.evaluation.field_images import FieldImages, ObjectField, sides
 from roslf_design.lenses.glass import find_glass
 from roslf_design.theory.field_of_view import focus_ahead
 from roslf_design.theory.vignetting import passed

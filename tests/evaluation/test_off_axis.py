@@ -9,9 +9,9 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.design import DesignError, dumps, loads
 from roslf_design.design.files import preset_path
+from roslf_design.evaluation.field_images import FieldImages
 from roslf_design.evaluation.fields import default_fields
 from roslf_design.evaluation.required import limits_for_study
-from roslf_design.evaluation.specification import FieldImages
 from roslf_design.optimization.goals import Constraint
 from roslf_design.theory.stop_images import MicrolensImages
 from roslf_design.theory.vignetting import lit_pairs

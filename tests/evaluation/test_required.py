@@ -14,10 +14,10 @@ from roslf_design.design import DesignError, dumps, loads
 from roslf_design.design.files import preset_path
 from roslf_design.errors import InputError
 from roslf_design.evaluation.evaluate import held_as_planned
+from roslf_design.evaluation.field_images import FieldImages
 from roslf_design.evaluation.required import limits_for_study, required_of
 from roslf_design.evaluation.reservations import AS_BUILT
 from roslf_design.evaluation.result import answer_tables, depth_budget_tables
-from roslf_design.evaluation.specification import FieldImages
 from roslf_design.reporting.sheet.lines import basis, datasheet_json
 from roslf_design.theory.length_covariance import CalibratedLengths, LengthCovariance
 from roslf_design.units import parse_quantity

@@ -202,7 +202,7 @@ def test_before_a_chosen_lens_the_focal_plane_stays_where_the_file_states_it(bas
 def test_parts_that_miss_a_limit_by_rays_where_they_end_are_not_listed(monkeypatch):
     share = 1.0
     monkeypatch.setattr(
-        "roslf_design.evaluation.specification.FieldImages.half_field",
+        "roslf_design.evaluation.field_images.FieldImages.half_field",
         lambda shown, way, at: share * float(roslf.quantity("field_half_width_mm")(shown.images.camera, at)),
     )
     limit = Constraint(quantity="field_half_width_mm", min=31.0)

@@ -12,7 +12,7 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design import preset_path
-from roslf_design.evaluation.specification import FieldImages, ObjectField
+from roslf_design.evaluation.field_images import FieldImages, ObjectField
 from roslf_design.optimization import Constraint, Goal, Settings, pareto_front, solve
 from roslf_design.optimization.search import SearchBudget
 from roslf_design.optimization.solve import solve_by_rays
@@ -181,7 +181,7 @@ def test_an_answer_holds_its_limits_as_rays_tell_them_where_it_is(monkeypatch):
     problem = posed({"d_f": (250, 450)}, [limit], Goal(quantity="sigma_z_mm", direction="min"), design=SINGLET)
     shares = chain([1.0], repeat(0.1))
     monkeypatch.setattr(
-        "roslf_design.evaluation.specification.FieldImages.half_field",
+        "roslf_design.evaluation.field_images.FieldImages.half_field",
         lambda shown, way, at: next(shares) * float(roslf.quantity("field_half_width_mm")(shown.images.camera, at)),
     )
     answer = solve_by_rays(problem, Settings(starts=1, check=False))

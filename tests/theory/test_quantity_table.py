@@ -90,7 +90,7 @@ def test_a_lens_whose_rays_fail_ends_no_sweep_and_no_table(monkeypatch):
             raise refusal("aperture.distance", "no ray comes through")
         return 1.0
 
-    monkeypatch.setattr("roslf_design.evaluation.specification.FieldImages.half_field", lost)
+    monkeypatch.setattr("roslf_design.evaluation.field_images.FieldImages.half_field", lost)
     swept = roslf.sweep("paper-singlet", {"d_3": [100.0, 120.0]}, ["field_half_width_mm"])
     assert swept.valid.tolist() == [True, False]
     assert "at d_3 = 120 mm: aperture.distance: no ray" in swept.refused(roslf.load("paper-singlet"))[0]

@@ -11,8 +11,8 @@ from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design import dumps, load, preset_names, preset_path
 from roslf_design.errors import InputError
+from roslf_design.evaluation.field_images import FieldImages, ObjectField
 from roslf_design.evaluation.required import required_of
-from roslf_design.evaluation.specification import FieldImages, ObjectField
 from roslf_design.optimization import Constraint
 from roslf_design.reporting.story import _builds_alone
 from roslf_design.theory.depth_budget import depth_budget

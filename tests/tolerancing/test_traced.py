@@ -10,8 +10,9 @@ from numpy.testing import assert_allclose
 from roslf_design._arrays import sunflower
 from roslf_design.camera import Camera
 from roslf_design.design import load, loads, preset_path
+from roslf_design.evaluation.field_images import FieldImages, FieldOfView, ObjectField
 from roslf_design.evaluation.required import required_of
-from roslf_design.evaluation.specification import FieldImages, FieldOfView, ObjectField, specification
+from roslf_design.evaluation.specification import specification
 from roslf_design.fates import ImageFate
 from roslf_design.lenses.prescription import first_order
 from roslf_design.reporting.story import _run_tolerances

@@ -15,6 +15,8 @@ from ...design.files import WRITTEN
 from ...design.parts import Opening
 from ...evaluation import evaluate
 from ...evaluation.evaluate import evaluation_accuracy, held_as_planned, held_to
+from ...evaluation.field_images import FieldImages
+from ...evaluation.near_cases import near_cases
 from ...evaluation.required import required_distances
 from ...evaluation.result import (
     Evaluation,
@@ -30,8 +32,6 @@ from ...evaluation.result import (
     seen_table,
     temperature_table,
 )
-from ...evaluation.specification import FieldImages
-from ...evaluation.verdicts import near_cases
 from ...progress import CountedProgress, shares, silent
 from ...theory.colours import PIXEL_FILTERS
 from ...theory.depth_budget import depth_budget

@@ -13,8 +13,8 @@ from ...camera import Camera
 from ...design import PATHS
 from ...drawing.marks import Text
 from ...drawing.picture import PAGE, Picture, beside
+from ...evaluation.part_verdicts import buildable
 from ...evaluation.required import missed_words
-from ...evaluation.verdicts import buildable
 from ...lenses.glass import ROOM
 from ...optimization.conflict import Conflict
 from ...optimization.front import Front

@@ -21,24 +21,14 @@ from ...camera import Camera
 from ...design import dumps
 from ...errors import expect, refusal
 from ...evaluation.answer import FirstAnswer
+from ...evaluation.doubts import full_well_doubt
+from ...evaluation.field_images import RIM, FieldImages, corner
 from ...evaluation.required import Requirement, outcome_of, outcomes_words, requirements
+from ...evaluation.resolved import LEVELS, WAYS, Place, Resolved
 from ...evaluation.result import MARKS, depth_basis, focused_table
-from ...evaluation.specification import (
-    CRITERION,
-    FOCUS,
-    LEVELS,
-    RIM,
-    WAYS,
-    Colour,
-    FieldImages,
-    Place,
-    Resolved,
-    Specification,
-    corner,
-    depth_light,
-    specification,
-)
-from ...evaluation.verdicts import as_sharp, full_well_doubt, lit
+from ...evaluation.specification import CRITERION, Colour, Specification, depth_light, specification
+from ...evaluation.stations import FOCUS
+from ...evaluation.verdicts import as_sharp, lit
 from ...evaluation.working_range import WorkingRange
 from ...json_data import plain
 from ...progress import UNHEARD, Share, part_of

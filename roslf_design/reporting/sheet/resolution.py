@@ -14,7 +14,7 @@ from ...drawing.panel import Panel, Scale, colour_bar, round_ticks
 from ...drawing.picture import PAGE, Picture, beside, one_panel
 from ...drawing.theme import SMALL
 from ...evaluation.fields import default_fields
-from ...evaluation.specification import BEYOND, planes
+from ...evaluation.stations import BEYOND, planes
 from ...progress import UNHEARD, Share
 from ...theory.light import on_array, sensor_field
 from ...traced.fields import DesignImages, IdealImages, images_of
