@@ -219,12 +219,12 @@ def refused(combinations: Combinations) -> Iterator[Refused]:
 
 
 def extremes(problem: DesignProblem, part: Constraint | Goal) -> tuple[float, float]:
-    """Least and greatest value of a part that is `prunable`, within the bounds; NaN where an image may be none."""
+    """Least and greatest value of a part that is `prunable`, within the bounds; infinite where an image may be none."""
     whole, n = Combinations(problem.without_goals(), (), ()), problem.n
     with np.errstate(all="ignore"):
         corners = _corners(whole, np.zeros(1, np.intp), np.zeros((1, n)), np.ones((1, n)))
-        least, most = (float(end[0]) if corners.certain[0] else math.nan for end in corners.extremes(part))
-    return least, most
+        least, most = corners.extremes(part) if corners.certain[0] else ([-math.inf], [math.inf])
+    return float(least[0]), float(most[0])
 
 
 def ruled_out(problem: DesignProblem) -> bool:

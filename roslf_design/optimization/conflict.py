@@ -16,7 +16,6 @@ from ..words import listed, number, on_side
 from .bounds import ruled_out
 from .goals import Constraint
 from .problem import FRESH_POINTS, DesignProblem, sobol_units
-from .reach import Unreachable
 from .search import BIG, Guard, SearchBudget, least_violation, violation_of
 
 EXPLAINING = 10_000, 10.0
@@ -32,7 +31,7 @@ PRESSED = 1e-4
 
 
 @dataclass(frozen=True)
-class _Violation:
+class Violation:
     """A limit, and what there is of it at a least-violating point."""
 
     limit: str
@@ -42,7 +41,7 @@ class _Violation:
     unit: str
 
     @classmethod
-    def of(cls, problem: DesignProblem, constraint: Constraint, unit: Array) -> _Violation:
+    def of(cls, problem: DesignProblem, constraint: Constraint, unit: Array) -> Violation:
         """A one-sided limit of a problem at scaled variables."""
         ((side, limit),) = constraint.limits.items()
         value = problem.number(constraint, unit)
@@ -100,8 +99,8 @@ class Conflict:
     unit: Array
     """The least-violating point."""
     violation: float
-    violations: tuple[_Violation, ...] = ()
-    clashing: tuple[_Violation, ...] = ()
+    violations: tuple[Violation, ...] = ()
+    clashing: tuple[Violation, ...] = ()
     """Limits that no search within the bounds held together, while any fewer of them can be, with what there is of each
     at the least-violating point of them alone."""
     proven: bool = False
@@ -122,13 +121,6 @@ class Conflict:
     """Labels of limits that were not looked at."""
     bore: tuple[str, ...] = ()
     """Words on limits beyond what the bore's rims let through, whatever the lens: known before any search."""
-
-    @classmethod
-    def by_bore(cls, unit: Array, beyond: Sequence[Unreachable]) -> Conflict:
-        """Conflict of limits with the bore, at the point that comes nearest to all others."""
-        missed = tuple(_Violation(one.limit, one.most, one.wanted, one.unit) for one in beyond)
-        words, short = tuple(one.words for one in beyond), max(one.short for one in beyond)
-        return cls(unit, short, missed, missed, proven=True, bore=words)
 
     @property
     def smallest(self) -> tuple[str, ...]:
@@ -208,7 +200,7 @@ def _explained(problem: DesignProblem, points: Sequence[Array], budget: SearchBu
     relaxations = [pool.alone(index) for index in sorted(smallest)]
     over = [row for row, by in zip(sided.rows, rows, strict=True) if by > FEASIBLE]
     limits = sorted({row.constraint for row in over} - {-1})
-    missed = tuple(_Violation.of(problem, sided.constraints[index], unit) for index in limits)
+    missed = tuple(Violation.of(problem, sided.constraints[index], unit) for index in limits)
     # What else is missed helps not at all alone: the smallest set goes without it.
     labels = {way.label for way in relaxations}
     others = {
@@ -223,7 +215,7 @@ def _explained(problem: DesignProblem, points: Sequence[Array], budget: SearchBu
         unit=unit,
         violation=violation,
         violations=missed,
-        clashing=tuple(_Violation.of(problem, sided.constraints[index], there) for index in sorted(smallest)),
+        clashing=tuple(Violation.of(problem, sided.constraints[index], there) for index in sorted(smallest)),
         proven=ruled_out(sided.keeping(smallest)),
         complete=complete,
         relaxations=tuple(
@@ -322,7 +314,7 @@ class _Pool:
         over = np.where(self.missed(others) <= FEASIBLE, self.over[index + 1], np.inf)
         if np.isfinite(over.min()) and (not helps or over.min() < violation_of(rows[soft])):
             unit, helps = self.units[over.argmin()], True
-        one = _Violation.of(self.problem, constraint, unit)
+        one = Violation.of(self.problem, constraint, unit)
         return _Relaxation(one.limit, one.wanted, one.value if helps and np.isfinite(one.value) else None, one.unit)
 
 

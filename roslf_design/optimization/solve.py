@@ -25,7 +25,7 @@ from ..toml_files import StrictTable
 from .conflict import Conflict, explain
 from .goals import Constraint, Goal
 from .problem import APART, ROOM, DesignProblem, promising_starts, sobol_units
-from .reach import Unreachable
+from .reach import Unreachable, conflict_with
 from .search import (
     BIG,
     FTOL,
@@ -387,7 +387,7 @@ def refused_by_bore(problem: DesignProblem, beyond: Sequence[Unreachable], setti
         "no search was begun, as the bore does not let through what is asked for; the design in the file "
         f"{held}, fields counted over all that the sensor sees, dark or not"
     )
-    conflict = Conflict.by_bore(near.unit, beyond)
+    conflict = conflict_with(near.unit, beyond)
     near = replace(near, violation=max(near.violation, conflict.violation))
     return _infeasible(problem, conflict, near, settings, [note])
 

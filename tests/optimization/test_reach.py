@@ -66,11 +66,11 @@ def test_what_is_told_is_what_lines_through_both_rims_reach(stops, at):
     line = np.abs(outer + (outer - inner) * at / (far - near)).max()
     problem = posed({"D_F": (30, 40), "d_3": (1, 2)}, [limit("round_field_radius_mm", 3 * line, at=at)], design=design)
     (told,) = unreachable(problem)
-    assert told.most == pytest.approx(line, rel=1e-3)
-    assert told.words.endswith(f"widen the bore, or require at most {told.most:.4g} mm")
+    assert told.missed.value == pytest.approx(line, rel=1e-3)
+    assert told.words.endswith(f"widen the bore, or require at most {told.missed.value:.4g} mm")
     rims = [Stop(diameter=one, distance=near), Stop(diameter=other, distance=far)]
     bare = posed({"f": (40, 60)}, [limit("field_half_width_mm", 1.01 * line, at=at)], design=PORT)
-    assert [one.most for one in unreachable(bare, rims)] == [told.most]
+    assert [one.missed.value for one in unreachable(bare, rims)] == [told.missed.value]
     assert not unreachable(posed({"f": (40, 60)}, [limit("field_half_width_mm", 0.99 * line, at=at)]), rims)
 
 
@@ -107,6 +107,13 @@ def test_depth_of_a_given_disparity_error_has_a_least_within_the_bounds():
             bounds, [limit("sigma_z_mm", high=share * best)], goal("sigma_z_mm", "min"), design=problem.design
         )
         assert len(unreachable(again)) == beyond
+
+
+def test_depth_is_not_refused_where_an_image_may_be_none():
+    """From 20 mm on, before the focal length: of such a box nothing is proven."""
+    bounds = {"D_F": (1.0, 4.0), "d_f": (20.0, 400.0)}
+    design = roslf.load("paper").replace({"depth.disparity_error": 0.1})
+    assert not unreachable(posed(bounds, [limit("sigma_z_mm", high=1e-9)], goal("f", "min"), design=design))
 
 
 def test_a_study_that_asks_for_it_ends_at_once_with_the_numbers(capsys, tmp_path):

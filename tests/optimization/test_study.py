@@ -20,7 +20,7 @@ from roslf_design.cli import main
 from roslf_design.design import dumps, save
 from roslf_design.design.files import WRITTEN
 from roslf_design.optimization import Constraint
-from roslf_design.optimization.conflict import Conflict, _Violation, explain
+from roslf_design.optimization.conflict import Conflict, Violation, explain
 from roslf_design.optimization.search import SearchBudget
 from roslf_design.optimization.study import load_study, read_study
 from roslf_design.optimization.study import run as run_study
@@ -219,8 +219,8 @@ def test_a_limit_on_what_is_infinite_somewhere_is_searched_for(tmp_path):
 
 def test_a_conflict_names_nothing_as_missed_that_is_held():
     """Limits held in all digits told were missed by their words; what a limit comes to without the others says so."""
-    far = _Violation("detail at 25 mm >=", 5.7473, 12.0, "lp/mm")
-    near = _Violation("detail at 40 mm >=", 2.4999999, 2.5, "lp/mm")
+    far = Violation("detail at 25 mm >=", 5.7473, 12.0, "lp/mm")
+    near = Violation("detail at 40 mm >=", 2.4999999, 2.5, "lp/mm")
     conflict = Conflict(np.zeros(1), 1.0, violations=(far, near), clashing=(replace(far, value=9.2286),))
     assert conflict.missed == ""
     assert conflict.reason.endswith("(got 9.2286 lp/mm), all other limits left out")
