@@ -521,8 +521,8 @@ def run(study: OptimizeStudy, tell: Tell = silent, keep: Callable[[Result], obje
 
 def _at_stage(tell: Tell, number: int, stages: int) -> Tell:
     """Progress of one of a study's stages: the time that it has left is its own."""
-    before = f"stage {number} of {stages}, " if stages > 1 else ""
-    return lambda what, done=0.0, total=0.0: tell(f"{before}{what}", done, total)
+    which = f" (stage {number} of {stages})" if stages > 1 else ""
+    return lambda what, done=0.0, total=0.0: tell(f"{what}{which}", done, total)
 
 
 def _optimum(

@@ -209,7 +209,7 @@ def test_parts_that_miss_a_limit_by_rays_where_they_end_are_not_listed(monkeypat
     problem = posed({"d_f": (250, 450)}, [limit], Goal(quantity="sigma_z_mm", direction="min"), design=SINGLET)
     parts = CatalogueTable(kinds=("orientations",)).chosen(load_catalogue(), SINGLET.main_lens.kind)
     ranker = _Ranker(Combinations.of(problem, parts, ("orientations",)), 2, SearchBudget(), 0, 1)
-    ranker.search(lambda *_: None)
+    ranker.search()
     assert ranker.best
     share = 0.1
     ranker.polish()
