@@ -78,7 +78,7 @@ SCALES = {
 }
 """Scales of temperature by their names: size of a degree, and the zero [degrees C]."""
 COLDEST, HOTTEST = -60.0, 150.0
-"""Between which cameras are used, stored and sterilised [degrees C]."""
+"""Between which cameras are used, stored and cleaned [degrees C]."""
 SHORTEST = 1e-12
 """Length that none which must be positive falls below [mm]: a thousandth of a proton."""
 

@@ -529,8 +529,8 @@ class Light(Part):
     wavelength: Length = 550e-6
     """lambda [mm]."""
     illuminance: Illuminance = 1e5
-    """Illuminance on the scene, in its medium [lx]; about what a surgical light gives (IEC 60601-2-41: 40 000 to 160
-    000). It counts as light of 555 nm, 683 lm/W: of light far from that state the radiance."""
+    """Illuminance on the scene, in its medium [lx]; about that of full sunlight. It counts as light of 555 nm, 683
+    lm/W: of light far from that state the radiance."""
     reflectance: Annotated[float, Field(gt=0, le=1)] = 0.3
     """Reflectance of the scene, on average."""
     radiance: Radiance | None = None

@@ -128,7 +128,7 @@ class FirstAnswer:
     outer_diameter_mm: float
     """Width of the whole camera."""
     outer_diameter_about: str
-    """Tube that the insertion portion is, in words."""
+    """Tube that is inserted, in words."""
     outer_diameter_counts: str
     """Walls that this counts, in words."""
     head: str
@@ -302,7 +302,7 @@ class FirstAnswer:
         if self.head:
             return (
                 *rows,
-                ("insertion portion", inserted, f"{self.inserted}: {walls}"),
+                ("inserted width", inserted, f"{self.inserted}: {walls}"),
                 ("outer diameter", outer, self.head),
             )
         if self.outer_diameter_about == tube.NARROWEST:

@@ -174,7 +174,9 @@ class FieldImages:
         """Remedy of the images at the farthest of the fields, with the openings that cut them by name."""
         cuts = field_limit(self.images.camera, judged_field(self.design)).cuts
         names = dict.fromkeys(cut["rim"].partition(",")[0] for cut in cuts)  # of either face of an element
-        return f"free the images from {listed([the(name) for name in names]) if names else 'what cuts them'}"
+        if not names:
+            return "a smaller FAP or a smaller sensor keeps images whole"
+        return f"free the images from {listed([the(name) for name in names])}: wider ones, a smaller FAP or sensor"
 
     @cached_property
     def outermost(self) -> str:

@@ -41,7 +41,7 @@ MORE_LIGHT = "more light or a longer exposure, "
 MENDED_BY = {
     NOISE: f"{MORE_LIGHT}a wider FAP, more microlenses matched (depth.window) lessen it",
     MISMATCH: "a wider FAP lessens it, and a measured depth.view_mismatch may be smaller than the one assumed",
-    OVERLAP: "images that do not overlap end it (the verdict on the f-number match says how)",
+    OVERLAP: "a smaller FAP or a shorter d_2 ends it, as images no longer overlap",
     WARMTH: "a housing that expands less, a narrower environment.range, or calibrated_at where it is used lessen it",
 }
 """Remedies of a depth that is missed by the nominal camera, by its largest term."""

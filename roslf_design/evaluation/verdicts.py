@@ -180,15 +180,14 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None, answer: F
     sees = f"the sensor sees {half:.4g} mm (half width), {corner:.4g} mm (corner)"
     if answer is not None and answer.sensor_field_of_view_deg is not None:
         sees = f"the field is lit over {answer.at[0].field}"
-    sees = f"{sees}; {_shifted(camera)}{_stopped(camera)}"
     if answer is not None and answer.outermost == RIM:
-        sees = f"judged to the {RIM} that is required; {sees}"
+        sees = f"{sees}, and judged to the {RIM} that is required"
+    sees += f". {_shifted(camera)}{_stopped(camera)}"
     cuts = (lens and lens.cut_by) or thin.cut_by
     by_thin = _field_remedy(camera, cuts) if cuts else ""
     off = any(np.any(value) for at, value in camera.numbers.items() if ".decentre." in at)
     worst = " in the worst direction" if off or any(rim.outline.straight for rim in camera.openings) else ""
     if lens is not None:
-        sees += " (thin-lens model)"
         bound = (
             f"measured through {lens.lens}, whole out to {lens.x_ml_max_mm:.4g} mm on the MLA "
             f"({lens.x0_max_mm:.4g} mm object radius; thin lens, Eq. 6: {lens.thin_x_ml_max_mm:.4g} mm)"
@@ -240,19 +239,20 @@ def _stopped(camera: Camera) -> str:
         return ""
     rim = camera.rims[int(openings.rooms[1:].argmin())]
     return (
-        f"; in the middle, too, {the(rim.name)} leaves {percent(float(openings.common().kept_fraction))} of an image: "
-        "light, depth and MTF are of that; image fill, f-numbers, views across an image and depths of field are the "
+        f". Even in the middle {the(rim.name)} leaves {percent(float(openings.common().kept_fraction))} of an image. "
+        "Light, depth and MTF are of that; image fill, f-numbers, views across an image and depths of field are the "
         "whole FAP's"
     )
 
 
 def _shifted(camera: Camera) -> str:
-    """Words on how far images lie beside their microlenses, and why: no fault, and none where telecentric."""
+    """Sentence on how far images lie beside their microlenses: no fault, and none where telecentric."""
     corner = float(sensor_field(camera).radius)
     shift = abs(corner * float(product(camera.seen.d_2, camera.seen.vergence)) / float(camera.q))
     if shift < SLACK_PX:
-        return f"shifted by less than {SLACK_PX:g} px there"
-    return f"shifted by {number(shift, 3)} px there, no fault once calibrated (0 with the exit pupil at infinity)"
+        return f"Images are shifted by less than {SLACK_PX:g} px there"
+    by = " by the thin-lens model" if camera.lens.mounted else ""
+    return f"Images are shifted by {number(shift, 3)} px there{by}, no fault once calibrated"
 
 
 def lit(answer: FirstAnswer) -> Verdict:

@@ -352,7 +352,7 @@ def _tube_remark(c: Camera) -> str:
 
 def _inserted_remark(c: Camera) -> str:
     walls = f"; {' '.join(tube.walls(c))}" if tube.LENGTH in c.numbers else ""
-    return f"ISO 8600's maximum insertion portion width, of {tube.inserted(c)}{walls}"
+    return f"at its widest, of {tube.inserted(c)}{walls}"
 
 
 def _length_remark(c: Camera) -> str:
@@ -1033,7 +1033,7 @@ _EVERY = (
         lambda c, _: tube.diameters(c, whole=False),
         worst=_greatest,
         monotone=False,
-        label="insertion portion width",
+        label="inserted width",
         sheet=Listed("Body", remark=_inserted_remark),
     ),
     Quantity(

@@ -24,7 +24,7 @@ PROXIMAL = "tube.proximal_diameter"
 NARROWEST = "narrowest tube about the optics,"
 """Tube where no design states one, in words."""
 WIDTHS = INSERTED, WHOLE = "insertion_diameter_mm", "outer_diameter_mm"
-"""Names of the two widths: of the insertion portion, which a stated tube is, and of all of the camera."""
+"""Names of the two widths: of what is inserted, which a stated tube is, and of all of the camera."""
 PACKAGE = "sensor.package"
 NEAR = 1e-3
 """Share of its distance within which a rim stands at a cone's wide end."""
@@ -186,9 +186,10 @@ def shell(c: Camera) -> Number:
 
 
 def uncounted(c: Camera) -> str:
-    """Things that stand in a scope's tube and that its width does not count, in words; empty where it counts all."""
+    """Things that stand in a camera's tube and that its width does not count, in words; empty where it counts all."""
     package = _holds_sensor(c) and not _packaged(c) and bool(np.any(housed(c)[-1].inside(c)))
-    left = {"wall": OUTER not in c.numbers, "sensor package": package, "light guide": GUIDE not in c.numbers}
+    guide = GUIDE not in c.numbers and "light.radiance" not in c.numbers  # what shines by itself needs none
+    left = {"wall": OUTER not in c.numbers, "sensor package": package, "light guide": guide}
     names = [name for name, out in left.items() if out]
     return f"without {' or '.join(filter(None, (', '.join(names[:-1]), names[-1])))}" if names else ""
 
@@ -221,7 +222,7 @@ def widest_fap(c: Camera) -> Array:
 
 
 def walls(c: Camera) -> tuple[str, str]:
-    """Tube that the insertion portion is: the design's, or the narrowest one; walls that it counts and does not count.
+    """Tube that is inserted: the design's, or the narrowest one; walls that it counts and does not count.
 
     Both in words.
     """
@@ -272,7 +273,7 @@ def head(c: Camera) -> str:
 def diameters(c: Camera, whole: bool) -> Array:
     """Outer diameter about each of `housed`, last of the tube that is stated, if one is [mm]: (K, ...).
 
-    Of the whole camera, or of its insertion portion: all in the stated tube, or all there is where no length is stated.
+    Of the whole camera, or of its inserted part: all in the stated tube, or all there is where no length is stated.
     """
     about = _about(c, whole)
     return np.stack(np.broadcast_arrays(*about, *([widest(c)] if OUTER in c.numbers else [])))

@@ -175,5 +175,5 @@ def test_a_stop_that_cuts_the_middle_too_is_named_there_and_dims_it():
     middle, _, corner = (field.kept_fraction for field in result.fields)
     assert result.answer.corner_light == pytest.approx(result.answer.corner_slant * corner / middle, rel=1e-6)
     (verdict,) = (one for one in result.verdicts if one.name == "field_undistorted")
-    assert f"in the middle, too, stop 1 leaves {100 * middle:.0f} % of an image" in verdict.text
-    assert "in the middle, too" not in roslf.evaluate("rigid-scope").everything
+    assert f". Even in the middle stop 1 leaves {100 * middle:.0f} % of an image." in verdict.text
+    assert "Even in the middle" not in roslf.evaluate("rigid-scope").everything

@@ -168,7 +168,7 @@ def _targets(protocol: Protocol) -> Table:
 def _redo(protocol: Protocol) -> tuple[str, ...]:
     return (
         "focus, stop, microlens array or sensor was touched, or check says that something moved;",
-        f"the camera's temperature is 5 K off{_calibrated_at(protocol)}, or it was dropped or sterilised; "
+        f"the camera's temperature is 5 K off{_calibrated_at(protocol)}, or it was dropped, or heated beyond its use; "
         "the lamp's brightness drifted by 3 %;",
         "another target was printed, or a bar was measured again: boards and the files made of it.",
     )
