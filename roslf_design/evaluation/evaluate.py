@@ -281,7 +281,9 @@ def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, 
     ]
     for _, name, element, near, _ in room.in_bore:
         at = float(cold.plane(near).distance)
-        parts.append(SeenPart(name, ", ".join(made_of(element)), near, None, at, None))
+        wide = None if element.half_height is None else 2 * float(element.half_height)
+        what = ", ".join(word for word in made_of(element) if wide is None or not word.startswith("diameter"))
+        parts.append(SeenPart(name, what, near, wide, at, None))
     for rim in cold.stop_openings:
         across, made = 2 * float(rim.radius), rim.outline.scaled(rim.scale)
         own, seen = (None, None) if made.straight else (across * float(rim.scale), across)

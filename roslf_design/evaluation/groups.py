@@ -332,7 +332,7 @@ class SeenPart:
     distance_mm: float
     """Mechanical; of an element its sensor-side vertex."""
     diameter_mm: float | None
-    """Diameter of an opening."""
+    """Diameter of an opening, or of an element."""
     seen_distance_mm: float
     """Infinite where it is seen there."""
     seen_diameter_mm: float | None

@@ -622,9 +622,12 @@ def test_a_section_that_nearly_fits_is_to_scale_and_a_stretched_one_has_a_drawin
     assert ("between them, to scale, the camera as it is built" in caption) == ("heights to scale" in caption)
     (panel,) = scale_drawing(design, 322.0).panels
     assert panel.per_px[0] == pytest.approx(panel.per_px[1])
-    # Ends of the tube over its diameter, by the lengths of the design's file.
-    tubes = [part.points for part in instrument_scene(design, side=True).parts if part.label == "tube"]
-    assert np.ptp(np.concatenate(tubes)[:, 2]) == pytest.approx(design.d_3 + design.d_1 + design.d_2)
+    # Ends of the tube, by the lengths of the design's file.
+    tubes = [part for part in instrument_scene(design, side=True).parts if part.label in ("tube", "around all parts")]
+    long = None if design.tube is None else design.tube.length
+    assert {part.label == "tube" for part in tubes} == {design.tube is not None}
+    whole = design.d_3 + design.d_1 + design.d_2
+    assert np.ptp(np.concatenate([part.points for part in tubes])[:, 2]) == pytest.approx(long or whole)
 
 
 def test_names_above_a_folded_drawing_do_not_stand_on_each_other_or_its_title():

@@ -23,11 +23,11 @@ from ..lens_words import lens_words
 from .curves import DRAWN, KnownLengths, counted_lengths, depth_precision, matching_plane
 from .effects import effects_budget
 from .field import field_map, field_maps, lens_images, lens_over_field
-from .instrument import instrument_scene, scale_drawing
+from .instrument import instrument_scene, scale_drawing, tube_words
 from .microlens import microlens_image, microlens_images, rays_and_waves
 from .rays import cells, dimensions, is_centred, meridional, ray_diagrams, ray_words, scale_words, unfolded_words
 
-SMALL = 0.42
+SMALL = 0.6
 """Width of the small drawing to scale, in pages."""
 PLACES = ("centre", "edge", "corner")
 """The fields that a report looks at."""
@@ -259,8 +259,8 @@ def _picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     bent = "A prism is drawn as turning light in the middle of its way. " if turning else ""
     caption = (
         "Pencils of the centre, the edge and a corner of the sensor, cut off in front of the bore; the grey plate is "
-        f"the FAP, the blue disc the main lens. {ends}{bent}The grey tube holds all "
-        f"that is drawn; it is not to the size of [tube].{lens_words(design.main_lens.kind).twin}"
+        f"the FAP, the blue disc the main lens. {ends}{bent}The grey tube {tube_words(design)}."
+        f"{lens_words(design.main_lens.kind).twin}"
     )
     sheet = Figure.of("view", "The instrument in three dimensions", caption, outlines(scene))
     try:
@@ -274,7 +274,8 @@ def dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     """The drawing with dimensions, as drawings are: at room temperature."""
     drawn, holds = at_room(design)
     caption = (
-        "Elements in their order along the axis. The numbers are the dimensions; the drawing is not to scale. d_f, d_3 "
+        "Elements in their order along the axis. The numbers are the dimensions. Lengths are not to "
+        "scale; diameters are to one scale, but for the smallest. d_f, d_3 "
         f"and further stops count from the main lens towards the object, d_1 from it to the microlens array.{holds}"
         + "".join(f" It is {words}." for words in unfolded_words(drawn))
     )

@@ -40,8 +40,8 @@ from ...rays import PASSED, paths, trace_pupil
 from ...theory.quantities import QUANTITIES
 from .rays import LENS, MEDIUM, MICROLENSES, name_of_drawn, reaches
 
-GLASS_KEY = "other glass"
-"""Name of glass before and behind the main lens, in a legend."""
+NAMED = 3
+"""Number of parts of glass up to which a legend names each."""
 ALONG = 1e-9
 """Sine of the turn of a view up to which it stays along the axis."""
 RINGS = 24
@@ -106,8 +106,15 @@ def instrument_scene(design: Design, fold: bool = True, side: bool = False) -> I
         _lines(name, [folded_line(folds, course) for course in courses], *look, name.removeprefix("rays "))
         for name, courses, look in rays
     ]
-    view = view_of(np.concatenate([*(part.points for part in tube), folded(folds, before)]), axes)
+    view = view_of(np.concatenate([*(part.points for part in (*tube, *drawn)), folded(folds, before)]), axes)
     return Instrument((*lines, *drawn, *tube), view, tuple(named))
+
+
+def tube_words(design: Design) -> str:
+    """Words on the grey tube of the picture, after its name."""
+    if design.tube is not None and not Camera.of(design).chain.folds:
+        return "is that of [tube]"
+    return "stands around all that is drawn: it is not to the size of any [tube]"
 
 
 class _Wall(NamedTuple):
@@ -124,6 +131,9 @@ class _Wall(NamedTuple):
     flare: float = 0.0
     """By how much its radius is more at the other end of a cone [mm]."""
 
+    label: str = "around all parts"
+    """Name of it in a legend."""
+
     @classmethod
     def of(cls, design: Design, wide: float, front: float, folded: bool) -> _Wall:
         """Wall of a design whose parts and rays reach as `wide`; along a folded axis it is as wide everywhere."""
@@ -132,7 +142,7 @@ class _Wall(NamedTuple):
             return cls(wide, front, wide)
         length = math.inf if tube.length is None else tube.length
         flare = 0.0 if tube.proximal_diameter is None else (tube.proximal_diameter - tube.outer_diameter) / 2
-        return cls(tube.outer_diameter / 2, front + length, wide, front, flare)
+        return cls(tube.outer_diameter / 2, front + length, wide, front, flare, "tube")
 
     def at(self, z: float) -> float:
         """Radius at a place along the axis [mm]."""
@@ -142,16 +152,11 @@ class _Wall(NamedTuple):
 
 
 def _tube(folds: Sequence[Fold], wall: _Wall, front: float, end: float) -> list[Body]:
-    """The tube, mitred where the axis is folded; one that is not as wide all along has a step."""
-    if wall.flare or (wall.inserted != wall.behind and front < wall.back < end):
-        back = min(wall.back, end)
-        pieces = [[(wall.at(z), z) for z in (front, back)], [(wall.behind, z) for z in (back, end)]]
-        bodies = [
-            Body(name, "round", turned(ends), bands(2), "grey", 0.10, label="tube")
-            for name, ends in zip(("tube", "tube 2"), pieces[: 2 if back < end else 1], strict=False)
-        ]
-        rims = [_circle(*ends) for piece in pieces for ends in piece]
-        return [*bodies, _lines("tube ends", rims, "grey", 1.5)]
+    """The tube, mitred where the axis is folded; one that is stated no farther than it reaches."""
+    if wall.flare or front < wall.back < end:
+        brims = [(wall.at(z), z) for z in (front, min(wall.back, end))]
+        body = Body("tube", "round", turned(brims), bands(2), "grey", 0.10, label=wall.label)
+        return [body, _lines("tube ends", [_circle(*one) for one in brims], "grey", 1.5)]
     radius = wall.at(front)
     joints = [turned([(radius, end)])]
     for fold in folds:
@@ -165,7 +170,9 @@ def _tube(folds: Sequence[Fold], wall: _Wall, front: float, end: float) -> list[
         points = np.append(farther, nearer, axis=0)
         for fold in reversed(folds[:k]):
             points = fold.turned(points)
-        tubes.append(Body("tube" if k == 0 else f"tube {k + 1}", "round", points, bands(2), "grey", 0.10, label="tube"))
+        tubes.append(
+            Body("tube" if k == 0 else f"tube {k + 1}", "round", points, bands(2), "grey", 0.10, label=wall.label)
+        )
     ends = [folded(folds, _circle(radius, z)) for z in (front, end)]
     return [*tubes, _lines("tube ends", ends, "grey", 1.5)]
 
@@ -176,7 +183,7 @@ def _glass(design: Design, camera: Camera, wall: _Wall, fold: bool) -> list[Body
     for k, (_, called, element, _, _) in enumerate(design.in_bore):
         radius, pose = element.half_height or wall.at(-element.distance), _pose(camera, k)
         if fold and element.turn and element.length:
-            parts += _prism(called, element, radius, pose)
+            parts += [half._replace(label=called) for half in _prism(called, element, radius, pose)]
             continue
         for piece, faces in enumerate(element.body(radius, 0.18 * radius)):
             # Upper halves of both faces, from the axis out on the left one and back on the right one.
@@ -184,14 +191,16 @@ def _glass(design: Design, camera: Camera, wall: _Wall, fold: bool) -> list[Body
             rim = np.append(left, right[::-1], axis=0) + np.array([element.distance, 0.0])
             name = called + (f" piece {piece + 1}" if piece else "")
             shape = turned(rim[:, ::-1], frame=pose)
-            parts.append(Body(name, "round", shape, bands(len(rim)), "sky", 0.35, label=GLASS_KEY))
+            parts.append(Body(name, "round", shape, bands(len(rim)), "sky", 0.35, label=called))
         parts.append(_lines(f"{called} rim", [_circle(radius, 0.0, pose)], "sky", 2.0))
     sizes = {"microlens_array": design.microlens_array.size, "sensor": design.sensor_size}
     for plate in design.plates:
         pose = camera.ruler_pose(plate.held_by)
         ends = -plate.far - float(pose.origin[2]), -plate.near - float(pose.origin[2])
-        parts.append(_slab(plate.name, pose, sizes[plate.held_by], ends))
-    return parts
+        parts.append(_slab(plate.name, pose, sizes[plate.held_by], ends)._replace(label=plate.name))
+    names = list(dict.fromkeys(part.label for part in parts if part.label))
+    key = ", ".join(names) if len(names) <= NAMED else "windows, lenses and plates"
+    return [part._replace(label=key if part.label else "") for part in parts]
 
 
 def _prism(name: str, element: AnyElement, radius: float, pose: Frame) -> list[Body]:
@@ -211,7 +220,7 @@ def _prism(name: str, element: AnyElement, radius: float, pose: Frame) -> list[B
         sides = [[4, k, (k + 1) % count, count + (k + 1) % count, count + k] for k in range(count)]
         cells = [np.array(cell) for cell in ([count, *range(count)], [count, *range(count, 2 * count)], *sides)]
         called = name if side > 0 else f"{name}, beyond its fold"
-        halves.append(Body(called, "plate", points, np.concatenate(cells), "sky", 0.25, label=GLASS_KEY))
+        halves.append(Body(called, "plate", points, np.concatenate(cells), "sky", 0.25))
     return halves
 
 
@@ -301,7 +310,7 @@ def _slab(name: str, frame: Frame, size: tuple[float, float], ends: tuple[float,
     corners = np.concatenate([np.column_stack([flat, np.full(4, z)]) for z in ends])
     points = corners @ np.array([frame.x, frame.y, frame.z]) + np.asarray(frame.origin)
     sides = [(0, 1, 2, 3), (4, 5, 6, 7), *((k, (k + 1) % 4, 4 + (k + 1) % 4, 4 + k) for k in range(4))]
-    return Body(name, "plate", points, np.array([[4, *side] for side in sides]).ravel(), "sky", 0.3, label=GLASS_KEY)
+    return Body(name, "plate", points, np.array([[4, *side] for side in sides]).ravel(), "sky", 0.3)
 
 
 def _lines(name: str, lines: Sequence[Array], colour: str, width: float, label: str = "") -> Body:

@@ -138,7 +138,8 @@ def design_report(
     known = grounds.known
     figures = _design_figures(design, result, known, progress)
     progress("sections")
-    answers = Statements((*verdicts(result).items, *(one.statement for one in studied if one.statement)))
+    said = (*verdicts(result).items, *(one.statement for one in studied if one.statement))
+    answers = Statements(tuple(sorted(said, key=lambda one: one.tone != "bad")))
     first: list[Block] = [answers, sheets.glance(design, result.has_views, known)]
     if opening:  # with what was asked, a story's many answers would push the picture off the first page
         first.reverse()

@@ -16,6 +16,7 @@ from ...words import length, listed
 from ..blocks import Bullets, Section, Table
 from ..lens_words import lens_words
 from .figures import at_room
+from .rays import DrawnTube
 
 FAR = math.log(2)
 """Sum of logarithms of ratios beyond which a part is not worth naming."""
@@ -142,12 +143,17 @@ def parts_section(design: Design) -> Section:
         ("microlens array", f"{microlenses}, {' x '.join(map(length, mla.size))}", array),
         ("image sensor", f"pixel {length(design.sensor.pixel)}, {across} x {up} px{filters}", sensor),
     ]
+    if (tube := design.tube) is not None:
+        made_from = tube.material or (None if design.environment is None else design.environment.housing)
+        long = "" if tube.length is None else f", {length(tube.length)} long"
+        of = "" if made_from is None else f", of {made_from.words}"
+        rows.append(("tube", f"{DrawnTube.of(design).sizes} outside / inside{long}{of}", "made to drawing"))
     if design.sensor.relay_magnification != 1:
         relay = f"magnification {design.sensor.relay_magnification:g}"
         rows.append(("relay to the sensor", relay, "not in the catalogue"))
     caption = (
         f"Catalogue: a part is the same where its lengths agree to {100 * SAME:g} % and it is large enough; else the "
-        f"nearest is named with what differs. Walls, mounts and light source are not part of the model.{holds}"
+        f"nearest is named with what differs. Mounts and light source are not part of the model.{holds}"
     )
     table = Table(
         tuple((str(place), *row) for place, row in enumerate(rows, 1)),

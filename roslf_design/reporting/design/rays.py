@@ -47,6 +47,8 @@ MOST_PIXELS = 200
 """In a column of a drawing up to which they are drawn one by one; finer ones would be grey, and a large file."""
 BEYOND = 1.5
 """How far beyond all else blocked rays are followed, in its half heights."""
+SAME_PLACE = 0.01
+"""Share by which edge and corner differ up to which both are the rim of a round field."""
 FLAT = 60.0
 """Height of a section below which no diameters are told inside it [px]."""
 CLOSE = 0.125
@@ -72,10 +74,12 @@ class _LabelledFan(NamedTuple):
 
 
 def _labelled_fans(design: Design) -> list[_LabelledFan]:
-    """Fans of centre, edge and corner; of both edges where decentres make the sides differ."""
+    """Fans of centre, edge and corner, or the rim of a round field; of both edges where decentres make sides differ."""
     (x, _), (edge, _), corner = default_fields(design)
     if is_centred(design):
         places = {"centre": 0.0, "edge": edge, "corner": math.hypot(*corner)}
+        if math.isclose(edge, places["corner"], rel_tol=SAME_PLACE):  # of a round field
+            places = {"centre": 0.0, "rim": edge}
     else:
         places = {"centre": x, "edge +x": edge, "edge -x": 2 * x - edge}
     drawn = fans(Camera.of(design), list(places.values()), rays=RAYS, fill=FILL)
@@ -86,7 +90,7 @@ def _labelled_fans(design: Design) -> list[_LabelledFan]:
 def ray_words(design: Design) -> str:
     """Fields whose rays a section shows, with their colours, and what stops others, for a drawing without a key."""
     drawn = _labelled_fans(design.thin_twin.with_own_stop)
-    rays = "rays of " + listed([f"{fan.label} ({colour})" for fan, colour in zip(drawn, FIELDS, strict=True)])
+    rays = "rays of " + listed([f"{fan.label} ({colour})" for fan, colour in zip(drawn, FIELDS, strict=False)])
     ends = "" if all(fan.kept.all() for fan in drawn) else "; dashed orange ones end, with a cross, at a stop"
     return "; ".join([f"{rays}{ends}", *unfolded_words(design)])
 
@@ -152,11 +156,11 @@ def meridional(
     whole = whole and not close and all(math.isfinite(one.d_f) for one in both)
     twins = [one.thin_twin.with_own_stop for one in both]
     each = [_labelled_fans(twin) for twin in twins]
-    tubes = [_Tube.of(one) for one in both]
+    tubes = [DrawnTube.of(one) for one in both]
     thin, drawn, tube = twins[0], each[0], tubes[0]
     keys = [
         line_key(fan.label if fan.kept.any() else f"{fan.label} (dark)", colour, 1.9)
-        for fan, colour in zip(drawn, FIELDS, strict=True)
+        for fan, colour in zip(drawn, FIELDS, strict=False)
     ]
     blocked = sum(int(tube.meets(fan).sum()) for fan in drawn)
     if blocked:
@@ -190,7 +194,7 @@ def meridional(
     if medium:
         marks.append(_block(section.panel.x.low, tip, -half, half, *MEDIUM, testid="medium"))
     marks += _glass(thin, section)
-    for fan, colour in zip(drawn, FIELDS, strict=True):
+    for fan, colour in zip(drawn, FIELDS, strict=False):
         marks += _fan(fan, colour, half, tube)
     marks += [*_elements(thin, section), *_names(section), *_openings(thin, section, drawn), *_lengths(thin, section)]
     ends = section.panel.x[:2]
@@ -238,7 +242,7 @@ def scale_words(exaggeration: float) -> str:
 
 
 @dataclass(frozen=True)
-class _Tube:
+class DrawnTube:
     """Tube about an instrument's section, along the axis from its tip: the design's, or the narrowest one."""
 
     inner: float
@@ -256,7 +260,7 @@ class _Tube:
     """By how much all of these are more at the other end of a cone [mm]."""
 
     @classmethod
-    def of(cls, design: Design) -> _Tube:
+    def of(cls, design: Design) -> DrawnTube:
         """Tube of a design, which may be widened by no part that it does not hold."""
         tip, end = -_front(design), design.d_1 + design.d_2
         most = min((high for _, one, _, high in limits(design) if one.name in WIDTHS and high), default=math.inf) / 2
@@ -278,6 +282,20 @@ class _Tube:
         if not self.flare:
             return np.zeros(())
         return np.asarray(widening(0.0, self.flare, self.ends[1] - self.ends[0], z - self.ends[0]))
+
+    def holds(self, z: float) -> bool:
+        """Whether a place along the axis [mm] is in a tube that is stated."""
+        slack = 1e-6 * (self.ends[1] - self.ends[0])
+        return self.stated and self.ends[0] - slack <= z <= self.ends[1] + slack
+
+    @property
+    def sizes(self) -> str:
+        """Diameters outside and inside, of a cone those of both ends."""
+        outer, inner = (
+            [2 * (half + out) for out in ((0.0, self.flare) if self.flare else (0.0,))]
+            for half in (self.outer, self.inner)
+        )
+        return f"⌀ {' to '.join(map(short, outer))} / {' to '.join(map(short, inner))} mm"
 
     @property
     def keys(self) -> tuple[Key, ...]:
@@ -323,7 +341,7 @@ class _SectionLayout(NamedTuple):
     """Layout of a section: where things are in the picture."""
 
     panel: Panel
-    tube: _Tube
+    tube: DrawnTube
     half: float
     """Elements and rays reach this high [mm]."""
     along: float
@@ -354,7 +372,7 @@ class _Frame(NamedTuple):
     """Room right of it [px]."""
 
     @classmethod
-    def of(cls, design: Design, drawn: list[_LabelledFan], tube: _Tube, whole: bool, close: str) -> _Frame:
+    def of(cls, design: Design, drawn: list[_LabelledFan], tube: DrawnTube, whole: bool, close: str) -> _Frame:
         """Frame of one design's section."""
         end, front = design.d_1 + design.d_2, _front(design)
         length = end + (design.d_f if whole else front)
@@ -379,7 +397,7 @@ class _Frame(NamedTuple):
 
 
 def _section(
-    design: Design, size: Point, whole: bool, close: str, tube: _Tube, frame: _Frame,
+    design: Design, size: Point, whole: bool, close: str, tube: DrawnTube, frame: _Frame,
     most: float = math.inf, widest: float = math.inf,
 ) -> _SectionLayout:  # fmt: skip
     """Layout within a frame: heights at most `most` times as large as lengths, these at most `widest` px/mm."""
@@ -428,6 +446,8 @@ def _sides(design: Design, along: float, before: float, whole: bool) -> dict[str
     before = min([before, *(along * (z - design.d_3) for z in beyond)])
     lens = {1: along * design.d_1 - 34, -1: along * min(inner, default=design.d_f) - 34}
     pupil = {-1: before - 20, 1: along * min(gaps, default=design.d_1) - 20}
+    if design.d_3 < _front(design) * (1 - SAME_PLACE):  # rays, walls and glass are before it
+        pupil = {-1: 0.0, 1: 0.0}
     if design.d_3 < 0:
         lens[1] = pupil[-1] = -along * design.d_3 - 34
         pupil[1] = along * (design.d_1 + design.d_3) - 20
@@ -484,7 +504,7 @@ def _cut(fan: _LabelledFan, half: float, among: NDArray[np.bool_]) -> tuple[Arra
     return z, x
 
 
-def _fan(fan: _LabelledFan, colour: str, half: float, tube: _Tube) -> list[Mark]:
+def _fan(fan: _LabelledFan, colour: str, half: float, tube: DrawnTube) -> list[Mark]:
     passed = np.flatnonzero(fan.kept)
     marks: list[Mark] = []
     for number in passed:
@@ -750,6 +770,9 @@ THICK = 0.09
 """Half the width in which an element before the main lens is drawn."""
 WALL = 1.12
 """Where mounts end, in half heights of the tallest element."""
+LEAST = 0.1
+"""Least half height of a part in it: smaller ones are drawn taller than to the scale of the others."""
+TUBE_END = "end of the tube"
 
 
 class _SchematicPart(NamedTuple):
@@ -761,7 +784,7 @@ class _SchematicPart(NamedTuple):
     diameter: float
     """Or height [mm]; 0 where it has none."""
     says: tuple[str, ...]
-    """Lines that are written above it."""
+    """Lines that are written above it; none of what others name."""
     glass: AnyElement | None = None
     """Element before the main lens that it is; None of other parts."""
     stop: int | None = None
@@ -771,28 +794,31 @@ class _SchematicPart(NamedTuple):
 def dimensions(design: Design) -> Picture:
     """Draw the parts in their order along the axis with dimension lines; not to scale, the numbers are."""
     design = design.thin_twin.with_own_stop if design.d_3 < 0 else design
-    parts = _schematic_parts(design)
+    tube = DrawnTube.of(design)
+    parts = _schematic_parts(design, tube)
     gaps = [b.z - a.z for a, b in pairwise(parts)]
     spread = np.cumsum([0.0, *(max(0.28, (gap / max(gaps)) ** ROOM) for gap in gaps)])
     # From 0 at the object plane to 8 at the sensor.
     place = dict(zip((e.name for e in parts), (8 * spread / spread[-1]).tolist(), strict=True))
-    tallest = max(part.diameter for part in parts)
-    high = {e.name: max(0.16, math.sqrt(e.diameter / tallest)) if e.diameter else 0.8 for e in parts}
+    tallest = max([*(part.diameter for part in parts), 2 * (tube.outer + tube.flare) * tube.stated])
+    high = {e.name: max(LEAST, e.diameter / tallest) if e.diameter else 0.8 for e in parts}
+    mounts = {e.name: tube.outer / (tallest / 2) if tube.holds(e.z) else WALL for e in parts}
     x = Scale(-0.45, 8.75)
     unit = PAGE / (x.high - x.low)
     up = 1 / (0.86 * unit)
     marks: list[Mark] = [Line([-0.1, 8.25], [0.0, 0.0], "grey", 0.9, "12 4 3 4")]
     for part in parts:
-        marks += _drawn(part, place[part.name], high[part.name])
+        marks += _drawn(part, place[part.name], high[part.name], mounts[part.name])
     # A part's distance is that of its sensor side; the whole ends at the other.
     thick = {e.name: THICK if e.glass is not None and e.glass.length else 0.0 for e in parts}
     near, far = ({name: at + side * thick[name] for name, at in place.items()} for side in (1, -1))
     # What each part is stands above it, higher where its neighbour's words would touch.
-    widths = [(max(text_width(line, SMALL) for line in part.says) + 6) / unit for part in parts]
+    said = [part for part in parts if part.says]
+    widths = [(max(text_width(line, SMALL) for line in part.says) + 6) / unit for part in said]
     highest, words = WALL, []  # type: float, list[Mark]
-    for part, row in zip(parts, rows_of_names(list(place.values()), widths), strict=True):
+    for part, row in zip(said, rows_of_names([place[part.name] for part in said], widths), strict=True):
         at, bottom = place[part.name], WALL + (10 + 44 * row) * up
-        top = WALL if part.stop is not None else high[part.name]
+        top = mounts[part.name] if part.stop is not None else high[part.name]
         marks.append(Line([at, at], [top + 0.03, bottom - 2 * up], "grey", 0.7))
         for k, line in enumerate(reversed(part.says)):
             words.append(Text(at, bottom + 13 * k * up, line, "ink", SMALL, "middle", dy=-2, plate=True))
@@ -803,9 +829,13 @@ def dimensions(design: Design) -> Picture:
     level = -WALL - 0.25
     aside: list[Mark] = []
     lines = [
-        (text, start, stop, far[start] if text.startswith("overall") else near[start], near[stop])
-        for text, start, stop in _dimension_lines(design)
+        (text, start, stop, far[start] if text.startswith(("overall", "tube")) else near[start], near[stop])
+        for text, start, stop in _dimension_lines(design, tube, parts)
     ]
+    for text, _, _, a, b in lines:
+        if text.startswith("tube"):
+            inner, wall, outer, flare = (2 * s / tallest for s in (tube.inner, tube.wall, tube.outer, tube.flare))
+            marks[:0] = DrawnTube(inner, wall, outer, (a, b), True, math.inf, flare).marks(math.inf)
     for k, (text, start, stop_at, a, b) in enumerate(lines):
         for at, top in ((a, -high[start]), (b, -high[stop_at])):
             marks.append(Line([at, at], [top - 0.04, level - 0.05], "grey", 0.5))
@@ -839,8 +869,8 @@ def _clear_middle(start: float, end: float, crossing: Iterable[float], wide: flo
     return min(places, key=lambda place: abs(place - middle), default=None)
 
 
-def _schematic_parts(design: Design) -> list[_SchematicPart]:
-    """Everything on the axis, from the object to the sensor."""
+def _schematic_parts(design: Design, tube: DrawnTube) -> list[_SchematicPart]:
+    """Everything on the axis, from the object to the sensor, and the end of a tube that no part stands at."""
     mla, (wide, tall), say = design.microlens_array, design.sensor_size, length
     parts = [
         _SchematicPart("object plane", -design.d_f, 0.0, ("object plane",)),
@@ -857,7 +887,13 @@ def _schematic_parts(design: Design) -> list[_SchematicPart]:
     for _, name, part, near, far in design.in_bore:
         tall = 2 * (part.half_height or 0.0)
         parts.append(_SchematicPart(name, -(near + far) / 2, tall, (name, *made_of(part)), part))
+    if tube.stated and not any(_at_end(part, tube) for part in parts):
+        parts.append(_SchematicPart(TUBE_END, tube.ends[1], 2 * tube.outer, ()))
     return sorted(parts, key=lambda part: part.z)
+
+
+def _at_end(part: _SchematicPart, tube: DrawnTube) -> bool:
+    return math.isclose(part.z, tube.ends[1], abs_tol=1e-6 * (tube.ends[1] - tube.ends[0]))
 
 
 def _pupil_size(design: Design) -> str:
@@ -867,7 +903,7 @@ def _pupil_size(design: Design) -> str:
     return f"D_F = {length(design.D_F)}"
 
 
-def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
+def _dimension_lines(design: Design, tube: DrawnTube, parts: Iterable[_SchematicPart]) -> list[tuple[str, str, str]]:
     """Text of each dimension line, and the two parts it runs between."""
     standing = design.placed
     stops, ends = {at.name: at.near for at in standing}, {at.name: at.far for at in standing}
@@ -876,6 +912,8 @@ def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
     behind = stops.pop("FAP") if stops["FAP"] < 0 else 0.0
     camera = Camera.of(design)
     between = f" with {length(float(camera.hiatus))} from H to H'" if camera.hiatus else ""
+    back = next((part.name for part in parts if _at_end(part, tube)), "")
+    long = "" if back == "sensor" else f", {length(tube.ends[1] - tube.ends[0])}"
     return [
         (f"d_2 = {length(design.d_2)}", "MLA", "sensor"),
         *([(f"stop {length(-behind)} behind", "main lens", "FAP")] if behind else []),
@@ -885,13 +923,16 @@ def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
             for name, distance in sorted(stops.items(), key=lambda stop: stop[1])
         ),
         (f"d_f = {length(design.d_f)}", "object plane", "main lens"),
+        *([(f"tube {tube.sizes}{long}", front, back)] if tube.stated else []),
         (f"overall {length(float(QUANTITIES['total_length_mm'](camera)))}{between}", front, "sensor"),
     ]
 
 
-def _drawn(element: _SchematicPart, x: float, half: float) -> list[Mark]:
+def _drawn(element: _SchematicPart, x: float, half: float, wall: float) -> list[Mark]:
     if element.name == "object plane":
         return [Line([x, x], [-half, half], "ink", 1.3, "5 4")]
+    if element.name == TUBE_END:
+        return []
     if element.name == "sensor":
         return [Area([x, x + 0.09, x + 0.09, x], [-half, -half, half, half], "ink")]
     power = 1 if element.glass is None else element.glass.power_sign
@@ -908,4 +949,4 @@ def _drawn(element: _SchematicPart, x: float, half: float) -> list[Mark]:
         xs, ys = np.tile(x + wide * np.cos(turn), (count, 1)), middles + half / count * np.sin(turn)
         return [Area(parted(xs), parted(ys), "sky", 0.6, "blue", 1.0 if count == 1 else 0.7)]
     colour = stop_colour(element.stop or 0)
-    return [Line([x, x], [sign * half, sign * WALL], colour, 4) for sign in (-1, 1)]
+    return [Line([x, x], [sign * half, sign * max(half, wall)], colour, 4) for sign in (-1, 1)]
