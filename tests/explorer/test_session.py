@@ -594,7 +594,6 @@ WARM = {"environment": {"range": (5.0, 30.0), "calibrated_at": 20.0, "housing": 
 def test_behind_a_real_lens_the_explorer_tells_what_evaluate_tells(name, warmed):
     design = load(name).replace(warmed)
     result, session = evaluate(design), Session(design)
-    u = f"{short(float(result.depth_budget.u_z_mm), 3)} mm"
     expanded = f"{short(2 * float(result.depth_budget.u_z_mm), 3)} mm"
 
     async def play():
@@ -618,8 +617,8 @@ def test_behind_a_real_lens_the_explorer_tells_what_evaluate_tells(name, warmed)
     for page in (first, last):
         words = "Depth, expected, lengths as drawn, in the plane in focus: U = ± "
         assert page["depth_known"]["text"].startswith(words + expanded)
-        assert f": {u} at the focal plane" in page["picture_depth"]
-        assert f": {u} at its centre" in page["picture_depth_field"]
+        assert f": ± {expanded} at the focal plane" in page["picture_depth"]
+        assert f": ± {expanded} at its centre" in page["picture_depth_field"]
     # What rays tell waits for them.
     assert {light["level"] for light in first["lights"]} == {"wait"}
     assert all("tracing" in first[words] for words in ("glance_of", "rays_of"))

@@ -51,9 +51,8 @@ from ...traced.fields import IdealImages
 from ...words import ROUNDING, clauses, listed, number
 from ..blocks import Block, Figure, Paragraph, Report, Section, Table
 from ..design.curves import KnownLengths
-from ..design.figures import depth_figure, dimensions_sheet, glance
+from ..design.figures import depth_figure, dimensions_sheet
 from ..design.parts_list import named_parts
-from ..design.rays import dimensions
 from ..lens_words import lens_words
 from ..tolerance.pages import impossible_words, interval_words, limits_words, set_words
 from .resolution import mtf_curves, resolution_map
@@ -93,8 +92,6 @@ BY_DEFINITION = "ideal lens: by definition"
 UNLIT = "the corner is {}; this is the farthest field on this sheet that is not"
 """Remark on a number that is not of the corner."""
 PARTS, REQUIRED, HEAD = "parts", "Required", "This sheet"
-HALF_PAGE = 520.0
-"""Height up to which a drawing leaves room for another on its page [px]."""
 SPECIFIED, RESOLVED = 0.1, 10.0
 """Share of a calibrated sheet's lines that is done once values are known, and what one of resolution takes more than
 others, about."""
@@ -864,10 +861,8 @@ def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = N
     head = sheet_head(design, revision, date)
     behind = [block for block in section.blocks if isinstance(block, Figure) or _explains(block)]
     lines = [block for block in section.blocks if block not in behind]
-    if dimensions(design).size[1] < HALF_PAGE:
-        behind.append(glance(design, views, known))
-    elif views:
-        behind.append(depth_figure(design, known))
+    if views:
+        behind.append(depth_figure(design, known, tall=180.0))
     signed = Section(section.title, (head, signatures(), *lines, dimensions_sheet(design)))
     annex = (Section("Annex", tuple(behind)),) if behind else ()
     which = ", ".join(f"{what} {value.split()[0]}" for what, value in head.rows[1:4] if value != NONE)
