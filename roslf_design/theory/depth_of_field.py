@@ -71,17 +71,7 @@ def finest_detail(c: Camera, at: float, near: float, far: float) -> float:
     A view's part of the FAP is ``lambda A/d`` wide at least, so ``1/near - 1/far <= 2 (d/A)^2/lambda``, both from the
     FAP: footprints s of a microlens at both ends have ``s s' >= lambda (far - near)/2``, wherever the FAP is. The one
     between is their mean by distance, at least ``sqrt(2 lambda (at - near) (far - at)/(far - near))``. A FAP narrower
-    than that part shows, by its own diffraction, no finer detail either.
-
-    Parameters
-    ----------
-    at, near, far : float
-        Distances ahead of the tip [mm], `at` between the others.
-
-    Returns
-    -------
-    float
-        Half a period a microlens of a square array, and so on [lp/mm].
+    than that part shows, by its own diffraction, no finer detail either. In mm ahead of the tip, and lp/mm.
     """
     light = float(c.wavelength / np.asarray(c.front[1].medium))
     return PACKINGS[c.layout].fold / math.sqrt(2 * light * (at - near) * (far - at) / (far - near))

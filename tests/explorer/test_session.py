@@ -22,7 +22,7 @@ from roslf_design.explorer.runs import Run
 from roslf_design.explorer.server import PAGE, _Tab
 from roslf_design.explorer.session import DownloadError, Session
 from roslf_design.explorer.state import FIELDS, LIGHT, STEPS, TABS
-from roslf_design.explorer.view import DRAWINGS, glance, lights, with_cards
+from roslf_design.explorer.view import DRAWINGS, awaited_lights, glance, lights, with_cards
 from roslf_design.theory.depth_budget import WARMTH
 from tests.explorer.made import made_of
 from tests.laws import LETTERS
@@ -666,3 +666,12 @@ def test_a_saved_picture_of_a_real_lenss_thin_twin_says_so():
         file = asyncio.run(Session(load(name)).download("microlens.svg"))
         assert file.name.endswith(f"{twin}-microlens.svg")
         assert ("thin-lens" in file.name) == bool(twin)
+
+
+@pytest.mark.parametrize("name", ["rigid-scope", "paper-singlet", "video-otoscope"])
+def test_verdicts_have_their_room_before_any_is_known(name):
+    design = load(name)
+    first = Session(design).page()["lights"]
+    assert first == awaited_lights(design)
+    assert {light["level"] for light in first} == {"wait"}
+    assert {light["name"] for light in first} - {"required"} <= {light["name"] for light in lights(evaluate(design))}

@@ -291,11 +291,9 @@ class DrawnTube:
     @property
     def sizes(self) -> str:
         """Diameters outside and inside, of a cone those of both ends."""
-        outer, inner = (
-            [2 * (half + out) for out in ((0.0, self.flare) if self.flare else (0.0,))]
-            for half in (self.outer, self.inner)
-        )
-        return f"⌀ {' to '.join(map(short, outer))} / {' to '.join(map(short, inner))} mm"
+        ends = dict.fromkeys((0.0, self.flare))
+        both = (" to ".join(short(2 * (half + out)) for out in ends) for half in (self.outer, self.inner))
+        return f"⌀ {' / '.join(both)} mm"
 
     @property
     def keys(self) -> tuple[Key, ...]:
