@@ -14,13 +14,7 @@ OFTEN = 0.5
 
 
 class ProgressLine:
-    """Progress for `progress=` of Python's functions: a line a step, with the share that is done and the time so far.
-
-    Examples
-    --------
-    >>> import roslf_design as roslf
-    >>> result = roslf.tolerance("study.toml", progress=roslf.ProgressLine())  # doctest: +SKIP
-    """
+    """Progress for `progress=` of Python's functions: a line a step, with the share that is done and the time so far."""
 
     def __init__(self) -> None:
         self._what, self._began, self._due, self._open = "", 0.0, 0.0, False

@@ -129,9 +129,7 @@ def test_what_is_inserted_and_what_stays_outside_are_two_lines(scope):
     short = scope.replace({"tube": {"outer_diameter": 7.0, "wall": 0.25, "length": 60.0}})
     rows = {name: (value, remark) for name, value, remark in roslf.evaluate(short).answer.rows}
     assert rows["inserted width"][0] == "7 mm"
-    assert rows["inserted width"][1].startswith(
-        "the first 60 mm: tube as stated: parts of 6.2 mm and walls of 0.25 mm"
-    )
+    assert rows["inserted width"][1].startswith("the first 60 mm: tube as stated: parts of 6.2 mm and walls of 0.25 mm")
     words = "of the whole camera, by its head, which stays outside: sensor, 10 mm, without wall or sensor package"
     assert rows["outer diameter"] == ("10 mm", words)
     for tube, says in (

@@ -22,6 +22,7 @@ from roslf_design.evaluation.fields import field_openings
 from roslf_design.evaluation.working_range import WorkingRange
 from roslf_design.imaging.render import render
 from roslf_design.imaging.white import ALWAYS_ON, white_patch
+from roslf_design.reporting.blocks import Table
 from roslf_design.reporting.design.curves import (
     KnownLengths,
     _depth_curve,
@@ -43,7 +44,15 @@ from roslf_design.reporting.design.microlens import (
     preview,
     rays_and_waves,
 )
-from roslf_design.reporting.design.rays import _labelled_fans, cells, dimensions, meridional, ray_diagrams
+from roslf_design.reporting.design.parts_list import parts_section
+from roslf_design.reporting.design.rays import (
+    _labelled_fans,
+    cells,
+    dimensions,
+    meridional,
+    ray_diagrams,
+    ray_words,
+)
 from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.length_covariance import LengthCovariance
 from roslf_design.theory.vignetting import room_at
@@ -639,3 +648,28 @@ def test_names_above_a_folded_drawing_do_not_stand_on_each_other_or_its_title():
     for (x, y, half), (other, level, width) in itertools.combinations(boxes, 2):
         assert abs(x - other) >= half + width or abs(y - level) >= 12
     assert all(y > 26 for _, y, _ in boxes)
+
+
+@pytest.mark.parametrize(("length", "told"), [(2.0, ", 2 mm"), (None, "")])
+def test_dimensions_show_the_tube_with_its_bore_and_length(length, told):
+    """Wall and bore in the ratio of the file's diameters, and as wide as a window of the bore's width is high."""
+    tube = {"outer_diameter": 9.0, "wall": 1.0} | ({} if length is None else {"length": length})
+    design = load("video-otoscope").replace({"tube": tube, "elements.0.diameter": 7.0})
+    (panel,) = dimensions(design).panels
+    (words,) = [mark.text for mark in panel.marks if isinstance(mark, Text) and mark.text.startswith("tube")]
+    assert words == f"tube \u2300 9 / 7 mm{told}"
+    walls = [mark for mark in panel.marks if isinstance(mark, Area) and mark.testid == "tube"]
+    (inner, outer), *others = {(min(np.abs(mark.y)), max(np.abs(mark.y))) for mark in walls}
+    assert not others
+    assert outer / inner == pytest.approx(9 / 7)
+    blocks = [mark for mark in panel.marks if isinstance(mark, Area) and max(mark.y) == pytest.approx(inner)]
+    assert blocks, "the window"
+    rows = next(block for block in parts_section(design).blocks if isinstance(block, Table)).rows
+    assert [row[1] for row in rows].count("tube") == 1
+
+
+def test_a_round_field_has_one_pencil_at_its_rim():
+    """Edge and corner of what is judged lie on one circle: drawn twice, one colour hides the other."""
+    round_field = load("rigid-scope").replace({"required": {"round_field_radius_mm": {"at": "20 mm", "min": "1 mm"}}})
+    assert "rays of centre (blue) and rim (green)" in ray_words(round_field)
+    assert "edge (green) and corner (purple)" in ray_words(load("rigid-scope"))
