@@ -14,7 +14,7 @@ OFTEN = 0.5
 
 
 class ProgressLine:
-    """Progress for `progress=` of Python's functions: a line a step, with the share that is done and the time so far."""
+    """Lines of progress for `progress=` of Python's functions: a step each, with its share done and the time so far."""
 
     def __init__(self) -> None:
         self._what, self._began, self._due, self._open = "", 0.0, 0.0, False
