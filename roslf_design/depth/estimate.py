@@ -655,17 +655,22 @@ def _checked(name: str, values: ArrayLike, field: LightField) -> Pictures:
 
 
 def saturated(field: LightField, noise: PixelNoise) -> Flags:
-    """Samples that are saturated, and those of the same microlens beside them.
+    """`full_samples` of a light field."""
+    return full_samples(field.values, field.weight, noise)
+
+
+def full_samples(values: Pictures, weight: Pictures, noise: PixelNoise) -> Flags:
+    """Samples (t, s, v, u) that are saturated, and those of the same microlens beside them.
 
     Samples are interpolated between pixels: one beside a full one rests on full pixels as well. Where a microlens's
     views are all so bright that some would be full by chance, the rest are dark by selection, and all count as full.
     """
     if noise.saturation == math.inf:
-        return np.zeros(field.values.shape, np.bool_)
-    charge = field.weight * np.float32(noise.electrons)
-    lit = field.weight > 0
-    picture = np.where(lit, field.values, 0).sum((0, 1)) / np.maximum(lit.sum((0, 1)), 1)
-    full = np.asarray((field.values * charge >= noise.saturation) | (picture * charge >= noise.brightest))
+        return np.zeros(values.shape, np.bool_)
+    charge = weight * np.float32(noise.electrons)
+    lit = weight > 0
+    picture = np.where(lit, values, 0).sum((0, 1)) / np.maximum(lit.sum((0, 1)), 1)
+    full = np.asarray((values * charge >= noise.saturation) | (picture * charge >= noise.brightest))
     return np.asarray(ndimage.maximum_filter(full, (3, 3, 1, 1))) if full.any() else full
 
 

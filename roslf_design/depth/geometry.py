@@ -17,13 +17,15 @@ from ..camera import Camera
 from ..design import Design
 from ..effects.lens import colour_spread
 from ..errors import InputError, Problem
+from ..progress import Share
 from ..theory.colours import filters
 from ..theory.depth_error import depth_told
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from ..theory.focused import refuse_focused
 from ..theory.length_covariance import LengthCovariance
 from ..theory.light_field import depth_sigma, epi_slope, rim_disparity
-from .estimate import DisparityMap, DisparityStatus
+from .estimate import DisparityMap, DisparityStatus, PixelNoise
+from .joint import joint_disparities
 from .phases import PhasedViews
 from .traced_views import TracedViews
 from .unmixing import PreparedViews, ViewLight, places_on_array, returned
@@ -131,6 +133,11 @@ class Viewing(Protocol):
 
     def returned(self, views: PreparedViews, disparity: float) -> float:
         """Part of an error of disparities that the picture brings back into such views."""
+
+    def jointly(
+        self, field: LightField, noise: PixelNoise, search: tuple[float, float], window: int, progress: Share
+    ) -> DisparityMap | None:
+        """Disparities with the texture, as of `joint_disparities`; None where pixels show mostly one microlens."""
 
 
 class ViewGeometry(Protocol):
@@ -292,6 +299,14 @@ class _ArrayViewing:
         """By the waves that neighbours send."""
         return returned(self.light, views, disparity)
 
+    def jointly(
+        self, field: LightField, noise: PixelNoise, search: tuple[float, float], window: int, progress: Share
+    ) -> DisparityMap | None:
+        """Of an ideal lens where no sample has `LEAST` of its light from one microlens."""
+        if self.traced is not None or self.light.told_apart:
+            return None
+        return joint_disparities(self.light, field, noise, search, window, progress)
+
 
 @dataclass(frozen=True)
 class GridGeometry:
@@ -332,6 +347,12 @@ class GridGeometry:
     def returned(self, views: PreparedViews, disparity: float) -> float:
         """None."""
         return 0.0
+
+    def jointly(
+        self, field: LightField, noise: PixelNoise, search: tuple[float, float], window: int, progress: Share
+    ) -> DisparityMap | None:
+        """Cameras share no light."""
+        return None
 
     def places(self, field: LightField) -> Array:
         """To the right and upwards from the middle of the views [px]."""

@@ -436,15 +436,17 @@ def measure(
     prepared, found, turned = (0.2, 0.5, 0.75) if isinstance(geometry, ArrayGeometry) else (0.0, 1.0, 1.0)
     views = prepared_views = viewing.prepared(field)
     progress(prepared)
-    estimate = partial(
-        estimate_disparity, noise=noise, search=search, window=geometry.window, captured=field,
-        edges=noise.measured, begun=begun,
-    )  # fmt: skip
-    disparities = estimate(views.field, views.pupil, aside=views.aside, progress=part_of(progress, prepared, found))
-    if (again := viewing.at_phase(views, disparities)) is not None:
-        views = again
-        disparities = estimate(views.field, views.pupil, aside=views.aside, progress=part_of(progress, turned, 1.0))
-    views, disparities = with_shared_light(field, noise, viewing, prepared_views, views, disparities, estimate)
+    disparities = viewing.jointly(field, noise, search, geometry.window, part_of(progress, prepared, 1.0))
+    if disparities is None:
+        estimate = partial(
+            estimate_disparity, noise=noise, search=search, window=geometry.window, captured=field,
+            edges=noise.measured, begun=begun,
+        )  # fmt: skip
+        disparities = estimate(views.field, views.pupil, aside=views.aside, progress=part_of(progress, prepared, found))
+        if (again := viewing.at_phase(views, disparities)) is not None:
+            views = again
+            disparities = estimate(views.field, views.pupil, aside=views.aside, progress=part_of(progress, turned, 1.0))
+        views, disparities = with_shared_light(field, noise, viewing, prepared_views, views, disparities, estimate)
     progress(1.0)
     field, pupil, aside = views
     bent = isinstance(geometry, ArrayGeometry) and not noise.measured  # else done, with its errors

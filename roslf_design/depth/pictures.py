@@ -43,6 +43,7 @@ from ..theory.photometry import electrons, exposure
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from .geometry import ArrayGeometry, depth_of, disparity_of
+from .joint import shared_everywhere
 from .traced_views import TracedViews
 
 Array = NDArray[np.float64]
@@ -66,6 +67,8 @@ LONG = 3e7
 """Rays for which it is kept shorter."""
 START, DECODED = 0.5, 7e-7
 """Processor time of an exposure, about, and of each of its pixels, which is decoded and measured [s]."""
+JOINT = 0.015
+"""Processor time of each microlens, about, whose texture and disparity are fitted together [s]."""
 
 
 def lattice_of(camera: Camera, region: Region) -> CentreLattice:
@@ -306,6 +309,8 @@ class Work(NamedTuple):
             rays = samples_along(camera, rays) ** 2
         white = pixels * SECONDS["pixel"] * (slower - 0.9)
         exposure = START + pixels * DECODED
+        if not design.traced_through and shared_everywhere(camera):
+            exposure += JOINT * pixels * float(camera.q / QUANTITIES["image_pitch_mm"](camera)) ** 2
         return cls(pixels, rays, white, render_seconds(design, pixels, rays), exposure, options.exposures)
 
     @property
