@@ -52,6 +52,8 @@ FAINTEST = 0.1
 """Brightness over the mean below which noise does not fall."""
 LARGEST_SIGMA, LARGEST_CHI2, ALIKE = 0.3, 3.0, 9.0
 """As of `estimate_disparity`, and chi-square between two disparities below which neither is the better."""
+MOST_STRAIN = 2.0
+"""Chi-square of a window's microlenses about its disparity above which it sees a step; 1.9 by chance at one in 200."""
 CLIPPED = 0.05, 0.5
 """Shares of a window's samples, and of a microlens's own, that are full from which these are why it has none."""
 PLACES = 9
@@ -163,7 +165,7 @@ def _judged(fitted: _Fitted, window: int, search: tuple[float, float], density: 
     sure = [np.where(one > 1 + 3 * np.sqrt(2 / n), one, 1) for one, n in ((chi2, samples), (strain, count - 1))]
     sigma = np.sqrt(np.maximum(*sure) / (density * least))
     below, above = (side * (edge - disparity) > 3 * sigma for side, edge in ((1, search[0]), (-1, search[1])))
-    unsure, odd = ~(sigma <= LARGEST_SIGMA), np.maximum(chi2, strain) > LARGEST_CHI2
+    unsure, odd = ~(sigma <= LARGEST_SIGMA), (chi2 > LARGEST_CHI2) | (strain > MOST_STRAIN)
     status = np.full(sigma.shape, int(DisparityStatus.MEASURED), np.int8)
     status[odd] = DisparityStatus.INCONSISTENT
     status[below | above] = DisparityStatus.OUT_OF_RANGE
