@@ -60,6 +60,8 @@ Flags = NDArray[np.bool_]
 
 SEEN, BLACK = 2.0, 0.01
 """Microlenses a period below which texture aliases; share of it that may be black, cut off where no light is."""
+HELD = 0.9
+"""Of the full well that the brightest pixels may hold: light of images that overlap adds up."""
 MARGIN = 0.5
 """Disparities searched beyond those of the scene [pitches]."""
 POINTS = 2000
@@ -348,6 +350,11 @@ class Trial(Measurement):
     """Share of the field whose texture is finer than two microlenses."""
     texture: Design
     """The design with the texture that errors are predicted for, as `assumed`."""
+
+    @property
+    def room(self) -> float:
+        """Part of the exposure at which the brightest pixels hold `HELD` of the full well; 1 where they hold less."""
+        return HELD / max(self.brightest, HELD)
 
     @property
     def ball(self) -> Sphere | None:

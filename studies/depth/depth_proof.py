@@ -28,7 +28,7 @@ from scipy import ndimage
 
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import ArrayGeometry, depth_of, disparity_of
-from roslf_design.depth.measure import Prediction, Trial, simulate
+from roslf_design.depth.measure import HELD, Prediction, Trial, simulate
 from roslf_design.depth.mixing import LEAST
 from roslf_design.depth.pictures import DETAIL, PictureOptions, chief_rays, default_scene, region_about
 from roslf_design.design import Design, save
@@ -65,8 +65,6 @@ SIDES, WIDE = (14, 20), 260
 """Fewest and most microlenses along a side of what is looked at; about so many pixels in between."""
 LIGHTS = {"bright": 1.0, "dim": 1 / 4, "dark": 1 / 16}
 """Against the design's own exposure, which fills half of the full well, or is that of a video frame."""
-FILLED = 0.9
-"""Of the full well that the brightest pixels hold where they would be full: light of images that overlap adds up."""
 END, HALF_STEP = 0.5, 0.25
 """Disparities, to both sides of the focal plane, of the walls and of both sides of the step [pitches]."""
 CURVED = 0.6
@@ -186,8 +184,7 @@ def trials(
         options = PictureOptions(region=view.region, seed=view.seed(number), exposures=exposures, rays=rays)
         trial = simulate(lit(design, LIGHTS[light]), view.scene, options, again=trial)
         if trial.brightest > 1:
-            room = FILLED / trial.brightest
-            trial = simulate(lit(design, room * LIGHTS[light]), view.scene, options, again=trial)
+            trial = simulate(lit(design, trial.room * LIGHTS[light]), view.scene, options, again=trial)
         yield light, trial
 
 
@@ -532,7 +529,7 @@ def _notes(results: Mapping[str, Any]) -> Iterator[str]:
     )
     yield (
         "Light: the design's own exposure (half of the full well, or 1/60 s), a quarter and a sixteenth of it; the "
-        f"first is shortened where overlapping images would fill pixels, to {FILLED:.0%} of the full well. Where "
+        f"first is shortened where overlapping images would fill pixels, to {HELD:.0%} of the full well. Where "
         f"more than {LARGEST:g} pitches are predicted depth is not expected, and nothing counts. Noise is drawn for "
         "each camera, scene and light by itself."
     )

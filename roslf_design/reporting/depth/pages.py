@@ -167,7 +167,7 @@ def statements(trial: Trial) -> Iterator[Statement]:
                 " That is of the part looked at, exposed to its own mean; `roslf evaluate` counts a texture over the "
                 "whole sensor, whose coarse detail makes whole parts brighter: there more of the field may be lost."
             )
-        remedy = f"Expose {0.9 / max(trial.brightest, 0.9):.2g} times as long ({_exposure_key(trial)})."
+        remedy = f"Expose {trial.room:.2g} times as long ({_exposure_key(trial)})."
         yield Statement("bad" if trial.saturated > 1 - FEW else "caution", text, remedy)
     yield from _light_of_the_scene(trial)
     yield known(trial, summary)
