@@ -302,7 +302,7 @@ class _ArrayViewing:
     def jointly(
         self, field: LightField, noise: PixelNoise, search: tuple[float, float], window: int, progress: Share
     ) -> DisparityMap | None:
-        """Of an ideal lens where no sample has `LEAST` of its light from one microlens."""
+        """Fit behind an ideal lens where no sample has `LEAST` of its light from one microlens."""
         if self.traced is not None or self.light.told_apart:
             return None
         return joint_disparities(self.light, field, noise, search, window, progress)

@@ -121,7 +121,7 @@ def joint_disparities(
 
 
 class _Fitted(NamedTuple):
-    """What a fit says of single microlenses."""
+    """Answers of a fit about single microlenses."""
 
     disparity: Array
     """Along which samples were explained [pitches]."""
@@ -141,7 +141,7 @@ class _Fitted(NamedTuple):
 
 
 def _on_grid(field: LightField, values: Array) -> Array:
-    """What is known of each microlens, at those of the views: of a hexagonal array between them along rows."""
+    """Numbers of each microlens at those of the views: of a hexagonal array between them along rows."""
     if field.hexagonal is None:
         return values
     ranks = np.arange(values.shape[1])
@@ -222,7 +222,7 @@ class _Joint:
         cls, light: ViewLight, field: LightField, noise: PixelNoise, full: NDArray[np.bool_],
         part: tuple[slice, slice], at: tuple[float, float],
     ) -> _Joint:  # fmt: skip
-        """Of rows and columns of a light field's microlenses, whose samples may be `full`."""
+        """Fit of rows and columns of a light field's microlenses, whose samples may be `full`."""
         lenses = field if field.hexagonal is None else field.hexagonal
         cells = _Cells.of(field, light.camera)
         values, weight, clipped = (
@@ -419,7 +419,7 @@ class _Cells(NamedTuple):
     """Samples of a microlens's own cell, every one of them in one cell alone, taken together to blocks."""
 
     cut: slice
-    """Of samples along either axis, those that lie in some block."""
+    """Samples along either axis that lie in some block."""
     size: int
     """Samples along a side of a block."""
     kept: NDArray[np.bool_]
@@ -427,7 +427,7 @@ class _Cells(NamedTuple):
 
     @classmethod
     def of(cls, field: LightField, camera: Camera) -> _Cells:
-        """Of a light field."""
+        """Cells of a light field."""
         inside = np.flatnonzero(np.abs(field.s) <= field.pitch / 2 + 1e-9)
         sizes = range(max(1, round(inside.size / ACROSS[1])), max(1, inside.size // ACROSS[0]) + 1)
         size = min(sizes, key=lambda one: (inside.size % one, one))  # the fewest samples left over
@@ -478,7 +478,7 @@ class _Way(NamedTuple):
         return self.joint.at_lenses(sum(one * piece for one, piece in zip(self.shown, pieces, strict=True)))
 
     def forward(self, texture: Spectra) -> Samples:
-        """What samples show."""
+        """Samples of a texture."""
         return self._through(texture, self.parts)
 
     def moved(self, texture: Spectra) -> Samples:

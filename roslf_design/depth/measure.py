@@ -61,7 +61,7 @@ Flags = NDArray[np.bool_]
 SEEN, BLACK = 2.0, 0.01
 """Microlenses a period below which texture aliases; share of it that may be black, cut off where no light is."""
 HELD = 0.9
-"""Of the full well that the brightest pixels may hold: light of images that overlap adds up."""
+"""Part of the full well that the brightest pixels may hold: light of images that overlap adds up."""
 MARGIN = 0.5
 """Disparities searched beyond those of the scene [pitches]."""
 POINTS = 2000
