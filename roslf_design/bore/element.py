@@ -76,6 +76,8 @@ class Element(OpticalPart):
     """Keys of its numbers that may have either sign."""
     sealable: ClassVar[bool] = True
     """Whether a liquid before it may end at it."""
+    shortest: ClassVar[float] = 0.0
+    """Length below which it has no room for its clear aperture [mm]."""
     trade_name: ClassVar[str] = ""
     """Name under which it is bought; its kind without."""
 
@@ -158,6 +160,14 @@ class Element(OpticalPart):
             f = f + kick * (inside > 0)
         # A leaning face between air and liquid bends the axis.
         return s * e - q * f + off - lean * inside, -r * e + p * f + lean * beyond
+
+    def block_reach(self, at: PartNumbers) -> Number | None:
+        """Farthest corner of a square block from the axis it stands on [mm]; None of what is round."""
+        return None
+
+    def petzval(self, at: PartNumbers) -> Number:
+        """Part of the Petzval sum, power over index [1/mm]; none of flat faces."""
+        return 0.0
 
     def openings(self, at: PartNumbers) -> Iterator[tuple[str, Number]]:
         """Openings of its clear aperture: words after its name, and places before the main lens [mm]."""

@@ -82,6 +82,13 @@ class LensGroup(Element):
         matrix = zip(own, (1.0, 0.0, 0.0, 1.0), strict=True)
         return tuple(np.where(passed, x, y)[()] for x, y in matrix)  # type: ignore[return-value]
 
+    def petzval(self, at: PartNumbers) -> Number:
+        """Sum over its surfaces as prescribed."""
+        media = [1.0, *(surface.glass.index(at.wavelength) for surface in self.lens.surfaces)]
+        bends = (1 / before - 1 / after for before, after in pairwise(media))
+        curvatures = (surface.vertex_curvature for surface in self.lens.surfaces)
+        return sum(bend * curvature for bend, curvature in zip(bends, curvatures, strict=True))
+
     def lengthened(self, at: PartNumbers, before: Number, after: Number) -> tuple[Number, Number]:
         """Length at one temperature [mm], and how many times as long it is at another [degrees C]."""
         cold, warm = (warm_constants(self.lens, at.wavelength, t, at.housing).length for t in (before, after))

@@ -25,6 +25,10 @@ IMAGE = ".image"
 """After the place of an objective with a mapping: the stop that is the end of what it images."""
 
 
+USUAL_INDEX = 1.5
+"""Index of a lens whose material no design tells, for its field curvature."""
+
+
 class FieldLens(Element):
     """An ideal thin lens before the main lens: an objective, a relay, a field lens."""
 
@@ -85,6 +89,10 @@ class FieldLens(Element):
         """Matrix of a thin lens."""
         return 1.0, 0.0, -np.where(passed, 1 / at["focal_length"], 0.0)[()], 1.0
 
+    def petzval(self, at: PartNumbers) -> Number:
+        """Power over the index of its material, or `USUAL_INDEX`."""
+        return thin_petzval(at["focal_length"], self.material, at.wavelength)
+
     def faces(self, at: PartNumbers, name: str, around: Surroundings) -> list[Face]:
         """The thin lens, and behind it what its mapping makes of rays."""
         z, f = at["distance"], at["focal_length"]
@@ -126,6 +134,11 @@ class FieldLens(Element):
         elif self.mapping != COLLINEAR:
             words.append(f"mapping {self.mapping}")
         return tuple(words)
+
+
+def thin_petzval(focal_length: Number, material: Glass | None, wavelength: Any) -> Number:
+    """Petzval sum of a thin lens, of `USUAL_INDEX` where no material is told [1/mm]."""
+    return 1 / (focal_length * (USUAL_INDEX if material is None else material.index(wavelength)))
 
 
 def power_ratio(glass: Glass, wavelength: Any, before: Any, after: Any) -> Number:

@@ -134,6 +134,22 @@ class Prism(Block):
         """How often light is reflected in it."""
         return self.reflections
 
+    def block_reach(self, at: PartNumbers) -> Number | None:
+        """Corners of both faces, as wide and as high as the clear aperture; by more reflections it is of any shape."""
+        if not self.turn or self.reflections > 1:
+            return None
+        half, turn = at.get("diameter", 0.0) / 2, self.turn
+        beside = self.span(at) / 2 * math.sin(turn) + half * abs(math.cos(turn))
+        return np.hypot(np.maximum(half, beside), half)
+
+    @property
+    def shortest(self) -> float:  # type: ignore[override]
+        """Least path through a prism of one reflection whose faces are as wide as its clear aperture [mm]."""
+        if self.reflections != 1 or not 0 < self.turn < math.pi or self.diameter is None:
+            return 0.0
+        half = math.tan(self.turn / 2)
+        return self.diameter * max(half, 1 / half)
+
     def incidence(self, wavelength: float, sines: Array) -> tuple[float, float] | None:
         """Least angle by one reflection, whose face halves the angle between both parts of the axis."""
         if self.reflections != 1 or not self.deviation:

@@ -54,6 +54,10 @@ class Grin(Element):
         cos, sin = np.cos(g * inside), np.sin(g * inside)
         return cos, sin / (n * g), -n * g * sin, cos
 
+    def petzval(self, at: PartNumbers) -> Number:
+        """Power of its gradient, were it thin, over the square of its index."""
+        return np.square(at["gradient"]) * self.span(at) / at["index"]
+
     def openings(self, at: PartNumbers) -> Iterator[tuple[str, Number]]:
         """Openings of both faces, and of sections of the barrel."""
         yield from super().openings(at)

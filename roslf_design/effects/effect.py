@@ -22,6 +22,10 @@ UNIT_WORDS = {"px": "px", "pitch": "pitches", "intensity": "of full scale"}
 """Units behind a number, as pages have them."""
 
 
+NOT_MODELLED = "not modelled: "
+"""Beginning of the reason of an effect of which nothing is known."""
+
+
 @dataclass(frozen=True)
 class SceneBrief:
     """A scene in the few numbers that decide which effects it calls for.
@@ -153,8 +157,8 @@ class Effect:
     """Effects that spread light in a way that makes this one matter whatever its own size."""
     available: Callable[[Design], bool] = lambda design: True
     """False where the design's model holds no such physics."""
-    absent: str = ""
-    """Why it has none there, in words."""
+    absent: Callable[[Subject], str] = lambda subject: ""
+    """Why it has none there, in words; what begins with `NOT_MODELLED` may well be there."""
     needs: str = "a traced main lens, and this design's is ideal"
     """Requirement on a design for the effect, in words."""
     straight: Callable[[Design], Mapping[str, Any]] = lambda design: {}

@@ -194,6 +194,6 @@ PLATE_ABERRATION = Effect(
     plate_aberration,
     cost_per_pixel=32 * 0.2e-6,
     available=lambda design: bool(design.elements),
-    absent="nothing stands before the main lens",
+    absent=lambda subject: "nothing stands before the main lens",
     needs="something before the main lens ([[elements]])",
 )

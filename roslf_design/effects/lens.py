@@ -1,4 +1,4 @@
-"""Faults of a real main lens: aberrations, distortion, field curvature, colour. An ideal thin lens has none.
+"""Faults of a real main lens: aberrations, distortion, field curvature, colour. Of an ideal one they are not modelled.
 
 What stands before it is traced with it, and counts.
 
@@ -20,9 +20,10 @@ from ..camera import Camera
 from ..design import Design
 from ..fates import ImageFate, RayFate
 from ..lenses.prescription import first_order
+from ..theory.ideal_lenses import IdealLensFaults
 from ..traced.camera import camera_of
 from ..traced.images import field_map, measured_bound, real_field
-from .effect import Effect, Estimate, Subject, Unit
+from .effect import NOT_MODELLED, Effect, Estimate, Subject, Unit
 
 RADII = (0.4, 0.6, 0.8, 1.0)
 """Parts of the field's radius at which the lens is looked at."""
@@ -149,15 +150,21 @@ def _colour(s: Subject) -> Estimate:
     return Estimate(spread, f"{_traced(s)}: colours part by {spread:.3g} pitches")
 
 
-def _of_lens(name: str, title: str, unit: Unit, estimate: Callable[[Subject], Estimate]) -> Effect:
+def _of_lens(name: str, title: str, unit: Unit, estimate: Callable[[Subject], Estimate], size: str = "") -> Effect:
+    """Effect of a real lens; of ideal ones in a bore `size` names the words on how large it may be."""
+
+    def absent(subject: Subject) -> str:
+        faults = IdealLensFaults.of(subject.camera) if size else None
+        return f"{NOT_MODELLED}ideal lens{'es; ' * bool(faults)}{getattr(faults, size) if faults else ''}".rstrip("; ")
+
     return Effect(
-        name, title, unit, estimate, available=lambda design: name in design.main_lens.kind.faults, absent="ideal lens"
+        name, title, unit, estimate, available=lambda design: name in design.main_lens.kind.faults, absent=absent
     )
 
 
 EFFECTS = (
     _of_lens("lens_aberrations", "Main-lens aberrations", "pitch", _aberrations),
     _of_lens("lens_distortion", "Main-lens distortion", "px", _distortion),
-    _of_lens("field_curvature", "Field curvature", "pitch", curvature),
-    _of_lens("lens_colour", "Main-lens colour", "pitch", _colour),
+    _of_lens("field_curvature", "Field curvature", "pitch", curvature, "curved"),
+    _of_lens("lens_colour", "Main-lens colour", "pitch", _colour, "coloured"),
 )

@@ -10,8 +10,9 @@ from typing import Any, Protocol, Self
 
 from ..design import Design
 from ..errors import InputError, Problem
+from ..words import spaced
 from . import elements, geometry, lens, waves
-from .effect import WHITE, Effect, Estimate, SceneBrief, Subject, Unit
+from .effect import NOT_MODELLED, WHITE, Effect, Estimate, SceneBrief, Subject, Unit
 
 EFFECTS: tuple[Effect, ...] = (
     geometry.PUPIL_GEOMETRY,
@@ -93,6 +94,19 @@ class PlannedEffect:
     reason: str
     cost: float = 0.0
     """Extra time to render it over the whole sensor [s], whether on or off."""
+
+    @property
+    def modelled(self) -> bool:
+        """Whether its size is known, be it 0."""
+        return not self.reason.startswith(NOT_MODELLED)
+
+
+def not_modelled(effects: Iterable[PlannedEffect]) -> str:
+    """Sentence on the effects that ideal lenses hide, with their sizes where they can be told; empty of none."""
+    unknown = [effect for effect in effects if not effect.modelled]
+    sizes = [f"; {effect.reason.partition('; ')[2]}" for effect in unknown if "; " in effect.reason]
+    names = ", ".join(spaced(effect.name) for effect in unknown)
+    return f"Not modelled, lenses being ideal: {names}{''.join(sizes)}." if names else ""
 
 
 @dataclass(frozen=True)
@@ -180,7 +194,7 @@ def plan(
     lines: dict[str, PlannedEffect] = {}
     for effect in sorted(EFFECTS, key=lambda effect: bool(effect.required_by)):
         there = effect.available(design)
-        size = effect.estimate(subject) if there else Estimate(0.0, effect.absent)
+        size = effect.estimate(subject) if there else Estimate(0.0, effect.absent(subject))
         if not math.isfinite(size.value):
             raise PlanError.about(effect.name, f"its estimate is {size.value}; this design's values are too extreme")
         limit = budget.of(effect.unit)

@@ -208,7 +208,7 @@ VEIL = Effect(
     cost_per_pixel=1e-9,
     always=True,
     available=lambda design: design.light.veil > 0,
-    absent="the design has no veil",
+    absent=lambda subject: "the design has no veil",
     needs="veiling light, and `light.veil` of this design is 0",
     detected=lambda image, scene, _: image + np.float32(scene.veil),
 )

@@ -15,6 +15,7 @@ from ..design.parts import Stop
 from ..errors import InputError
 from ..theory import tube
 from ..theory.f_number import main_lens_f_number, pupil_f_number
+from ..theory.ideal_lenses import IdealLensFaults
 from ..theory.light import sensor_field
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import FEASIBLE
@@ -131,6 +132,21 @@ def _windows_to_rim(design: Design, camera: Camera) -> Iterator[Verdict]:
         yield Verdict("clear_aperture", False, "limit", text, remedy)
 
 
+def _short_prisms(design: Design) -> Iterator[Verdict]:
+    """Which prisms of one reflection are shorter than their clear aperture takes."""
+    for at, name, element, *_ in design.in_bore:
+        if not element.length < element.shortest * (1 - FEASIBLE):
+            continue
+        text = (
+            f"{name}: one reflection by {math.degrees(element.turn):.4g} degrees takes a path of at least "
+            f"{length(element.shortest)} under a clear aperture of {length(element.diameter or 0.0)}, and has "
+            f"{length(element.length)}: a real one cuts light that is counted"
+        )
+        most = element.length * (element.diameter or 0.0) / element.shortest
+        remedy = f'{in_file(f"{at}.thickness")} = "{length(element.shortest)}", or a diameter of {length(most)}'
+        yield Verdict("prism_too_short", False, "limit", text, remedy)
+
+
 def _coatings(design: Design, camera: Camera) -> Iterator[Verdict]:
     """Which prisms do not reflect all of the field's light by total reflection."""
     if not design.in_bore:
@@ -194,10 +210,31 @@ def walled(shown: FieldImages, camera: Camera) -> tuple[Verdict, ...]:
     return (Verdict("tube_cuts", False, "limit", text, remedy),)
 
 
+def _ideal(camera: Camera) -> Iterator[Verdict]:
+    """Whether ideal lenses of the bore, were they real, would be sharp over the field and in all colours."""
+    faults = IdealLensFaults.of(camera)
+    if faults is None or not faults.beyond:
+        return
+    near, far = (number(end, 3) for end in faults.sharp)
+    text = (
+        f"ideal lenses ({faults.lenses}): field curvature and colour are not modelled, and are beyond the depth of "
+        f"field, {near} to {far} mm: {'; '.join(faults.beyond)} (estimates to third order, without astigmatism)"
+    )
+    remedy = 'achromats by their surfaces (kind = "prescription") before trusting white light and the field\'s edge'
+    yield Verdict("ideal_lenses", False, "limit", text, remedy)
+
+
 def buildable(design: Design, camera: Camera) -> tuple[Verdict, ...]:
     """Doubts whether a camera's main lens and microlenses are ones that anybody makes; nothing where there are none."""
     counted = *_counted_to_rim(design, camera), *_windows_to_rim(design, camera)
-    return *lens_speed(design, camera), *counted, *_coatings(design, camera), *_microlens_speed(camera)
+    return (
+        *lens_speed(design, camera),
+        *_ideal(camera),
+        *counted,
+        *_short_prisms(design),
+        *_coatings(design, camera),
+        *_microlens_speed(camera),
+    )
 
 
 def named_otherwise(design: Design) -> Iterator[Verdict]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from ..distances import Distance, check_distances
 from ..effects.effect import UNIT_WORDS
 from ..effects.lens import EFFECTS
-from ..effects.plan import PlannedEffect
+from ..effects.plan import PlannedEffect, not_modelled
 from ..json_data import plain
 from ..tables import Table, plain_text, print_table
 from ..theory.depth_budget import COVERAGE, KINDS, BudgetTerm, DepthBudget
@@ -447,9 +447,10 @@ def effects_table(result: Evaluation) -> Table:
 
 
 def absent_effects(result: Evaluation) -> str:
-    """One sentence on the effects that a picture of a uniform scene, which the plan is for, does not have at all."""
-    names = [spaced(effect.name) for effect in result.effects if not _told(effect, result)]
-    return f"In a picture of a uniform scene in focus, nothing comes from: {', '.join(names)}." if names else ""
+    """Sentences on the effects that a picture of a uniform scene, which the plan is for, does not have at all."""
+    names = [spaced(effect.name) for effect in result.effects if effect.modelled and not _told(effect, result)]
+    none = f"In a picture of a uniform scene in focus, nothing comes from: {', '.join(names)}." if names else ""
+    return " ".join(filter(None, (none, not_modelled(result.effects))))
 
 
 def _told(effect: PlannedEffect, result: Evaluation) -> bool:

@@ -46,6 +46,8 @@ class _Housed(NamedTuple):
     """Width of its clear aperture [mm]."""
     aside: Number | None = None
     """Its farthest point from the tube's axis, where a fold turns its own [mm]; the wall may open for it."""
+    block: bool = False
+    """Whether its width is that across the corners of a square block."""
 
     def needs(self, c: Camera) -> Number:
         """Room that it needs between walls, across [mm]."""
@@ -59,7 +61,7 @@ class _Housed(NamedTuple):
     def sizes(self, c: Camera) -> str:
         """Its width, or how far beside the tube's axis it ends, in words."""
         if self.aside is None:
-            return f"{float(self.width):.4g} mm"
+            return f"{float(self.width):.4g} mm{' across the corners of its square block' * self.block}"
         return f"sideways, out to {float(self.aside):.4g} mm from the tube's axis"
 
     def inside(self, c: Camera) -> Array:
@@ -80,12 +82,15 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
     """
     c, numbers = c.cold, c.cold.numbers
 
-    def part(name: str, key: str, width: Number, place: Number, glass: Number = 0.0) -> _Housed:
+    def part(
+        name: str, key: str, width: Number, place: Number, glass: Number = 0.0, reach: Number | None = None
+    ) -> _Housed:
         aside = 2 * np.hypot(numbers[f"{key}.decentre.0"], numbers[f"{key}.decentre.1"])
-        whole = np.maximum(width, glass) + aside
+        whole = np.maximum(width, glass if reach is None else 2 * reach) + aside
         if key in c.chain.bores:  # what is amiss of it is so of the wall, whatever that leaves of the tube
             whole = np.minimum(whole, room(c, place))
-        return _Housed(name, whole, place, width + aside, _aside(c, place, whole / 2))
+        beside = _aside(c, place, whole / 2) if reach is None else None
+        return _Housed(name, whole, place, width + aside, beside, reach is not None)
 
     def diagonal(key: str) -> Number:
         size: Number = np.hypot(numbers[f"{key}.0"], numbers[f"{key}.1"])
@@ -98,7 +103,9 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
     for at in c.in_bore:
         glass = numbers.get(f"{at.at.place}.outer_diameter", _widest(at.element.prescribed))
         if np.any(glass) or f"{at.at.place}.diameter" in numbers or _aside(c, at.end, 0.0) is not None:
-            parts.append(part(at.name, at.at.place, at.at.get("diameter", glass), at.end, glass))
+            upright = _aside(c, at.start, 0.0) is None  # no fold before it turns its own axis
+            reach = at.element.block_reach(at.at) if upright else None
+            parts.append(part(at.name, at.at.place, at.at.get("diameter", glass), at.end, glass, reach))
     array, d_2 = -numbers[PATHS["d_1"]] - c.hiatus, numbers[PATHS["d_2"]]
     edge = np.maximum(_widest(c.lens.prescribed), numbers.get("main_lens.outer_diameter", 0.0))
     parts.append(part("main lens", "main_lens", numbers[PATHS["D"]], 0.0, edge))

@@ -307,7 +307,8 @@ def test_what_lies_ahead_of_a_fold_stands_sideways(sideways):
     assert outer(far) == pytest.approx(2 * math.hypot(9, 1))
     assert outer(far.replace({"elements.1.diameter": None})) == pytest.approx(18)
     long = sideways.replace({"elements.0.thickness": 4.9, "elements.1.diameter": 0.1, "elements.0.diameter": 8.0})
-    assert f"prism 1 lies sideways, out to {math.hypot(2.45, 4):.4g} mm" in fits(long).text
+    corners = 2 * math.hypot(4, 4)  # of the block's face on the sensor's side, which no wall opens for
+    assert f"prism 1 of {corners:.4g} mm across the corners of its square block" in fits(long).text
     slanting = far.replace({"elements.0.deviation": math.pi / 6})
     assert outer(slanting.replace({"tube": None})) == pytest.approx(2 * (9 / 2 + math.cos(math.pi / 6)))
     unknown = fits(far.replace({"elements.0.reflections": 2}))
@@ -320,6 +321,36 @@ def test_a_short_tube_is_named_where_what_is_too_wide_lies_behind_it(scope):
         {"tube.outer_diameter": 7.5}
     )).remedy  # fmt: skip
     assert "[tube] length" not in fits(scope.replace({"tube.outer_diameter": 7.5, "tube.length": 119.5})).remedy
+
+
+@pytest.mark.parametrize("turn", [60.0, 90.0, 120.0])
+def test_a_prism_takes_the_room_of_its_square_block(sideways, turn):
+    """Corners of both faces in space, the second turned about the middle of the path; no wall opens for them."""
+    half, path = 2.3, 5.0
+    changes = {
+        "elements.0.diameter": 2 * half,
+        "elements.0.thickness": path,
+        "elements.0.deviation": math.radians(turn),
+    }
+    alone = sideways.replace({"elements": sideways.elements[:1], "tube": None})
+    found = outer(alone.replace(changes))
+    angle = math.radians(turn)
+    beyond = [math.hypot(path / 2 * math.sin(angle) + way * half * math.cos(angle), half) for way in (-1, 1)]
+    assert found == pytest.approx(2 * max(math.hypot(half, half), *beyond), rel=1e-6)
+
+
+def test_a_prism_of_one_reflection_is_as_long_as_its_aperture_takes(sideways):
+    """In the fold's plane: neither the mirror nor the faces of a prism may end within the beam."""
+    for degrees, least in ((60, 4 / math.tan(math.radians(30))), (90, 4.0), (120, 4 * math.tan(math.radians(60)))):
+        for share, told in ((0.99, True), (1.01, False)):
+            path = share * least
+            design = sideways.replace(
+                {
+                    "elements.0.thickness": path, "elements.0.deviation": math.radians(degrees),
+                    "elements.1.distance": 8.5 + path, "tube": None,
+                }
+            )  # fmt: skip
+            assert [one.name for one in roslf.evaluate(design).verdicts].count("prism_too_short") == told
 
 
 def test_a_picture_reversed_by_one_reflection_is_told_of(sideways):

@@ -235,7 +235,7 @@ def test_plan_of_real_and_ideal_lenses():
     for name in ("lens_aberrations", "lens_distortion", "field_curvature", "lens_colour"):
         assert textured.on(name)
         assert "LB1630-A" in textured[name].reason
-        assert plan(real().thin_twin, TEXTURED)[name].reason == "ideal lens"
+        assert plan(real().thin_twin, TEXTURED)[name].reason == "not modelled: ideal lens"
     white = plan(real())
     assert white.on("lens_distortion")
     assert [white[name].estimate for name in ("lens_aberrations", "field_curvature", "lens_colour")] == [0, 0, 0]

@@ -12,7 +12,7 @@ from ...drawing.panel import Panel, Scale, named_ticks, names_width, threshold
 from ...drawing.picture import Picture
 from ...drawing.theme import PLAIN, SMALL, short, text_width, wrapped
 from ...effects.effect import UNIT_WORDS
-from ...effects.plan import PlannedEffect
+from ...effects.plan import PlannedEffect, not_modelled
 from ...words import spaced
 
 BAR, REASON = 24.0, 15.0
@@ -46,8 +46,9 @@ def effects_budget(effects: Sequence[PlannedEffect], size: Point = (560, 360)) -
     ]
     left = 14 + names_width(names)
     width = max(size[0] - left - RIGHT, 80.0)
-    unsized = [named[effect] for effect in effects if effect not in sized]
-    idle = wrapped(f"Of no size here: {', '.join(unsized)}." if unsized else "", size[0] - 28)
+    unsized = [named[effect] for effect in effects if effect not in sized and effect.modelled]
+    words = [f"Of no size here: {', '.join(unsized)}."] if unsized else []
+    idle = [line for text in (*words, not_modelled(effects)) if text for line in wrapped(text, size[0] - 28)]
     # Which side of the budget it is on is seen.
     reasons = [
         wrapped(effect.reason.removesuffix("; above the budget").removesuffix("; below the budget"), size[0] - 28)
