@@ -84,10 +84,11 @@ class LensGroup(Element):
 
     def petzval(self, at: PartNumbers) -> Number:
         """Sum over its surfaces as prescribed."""
-        media = [1.0, *(surface.glass.index(at.wavelength) for surface in self.lens.surfaces)]
-        bends = (1 / before - 1 / after for before, after in pairwise(media))
-        curvatures = (surface.vertex_curvature for surface in self.lens.surfaces)
-        return sum(bend * curvature for bend, curvature in zip(bends, curvatures, strict=True))
+        media: list[Number] = [1.0, *(surface.glass.index(at.wavelength) for surface in self.lens.surfaces)]
+        total: Number = 0.0
+        for (before, after), surface in zip(pairwise(media), self.lens.surfaces, strict=True):
+            total = total + (1 / before - 1 / after) * surface.vertex_curvature
+        return total
 
     def lengthened(self, at: PartNumbers, before: Number, after: Number) -> tuple[Number, Number]:
         """Length at one temperature [mm], and how many times as long it is at another [degrees C]."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from cyclopts import Parameter
@@ -38,7 +38,7 @@ TRACED = [name.upper() for name in shipped_names()]
 
 def catalogue(
     *,
-    kind: Annotated[list[Kind] | None, Parameter(negative=())] = None,
+    kind: Annotated[list[Kind | Literal["arrays"]] | None, Parameter(negative=())] = None,
     where: Repeated = None,
     file: Annotated[list[Path] | None, Parameter(negative=())] = None,
     json: Json = False,
@@ -50,7 +50,7 @@ def catalogue(
     Parameters
     ----------
     kind
-        Only these kinds; may be given several times.
+        Only these kinds, arrays being microlens_arrays; may be given several times.
     where
         A condition on a key: =, <, <=, > or >=, with a length as text ("pitch<150 um") or words ("maker=Thorlabs");
         may be given several times, and all must hold. Parts without the key are left out.
@@ -59,7 +59,8 @@ def catalogue(
     """
     conditions = {text: read_condition(text) for text in where or []}
     known = load_catalogue(file or [])
-    every = sorted(rows(known, kind or KINDS), key=_rank)
+    kinds = ["microlens_arrays" if one == "arrays" else one for one in kind or KINDS]
+    every = sorted(rows(known, kinds), key=_rank)
     chosen = [row for row in every if all(condition(row) for condition in conditions.values())]
     if json:
         print(json_text({"schema": "roslf.catalogue/1", "parts": chosen, "prescriptions": TRACED, "solids": _solids()}))

@@ -483,7 +483,7 @@ class Housing(Part):
     """The tube that a scope is built into, from its tip backwards."""
 
     outer_diameter: Length
-    """[mm]; of a cone at its tip."""
+    """Outer diameter, of a cone at its tip [mm]."""
     proximal_diameter: Length | None = None
     """Outer diameter of a cone where it ends, `length` behind the tip, to which it widens evenly, as a speculum [mm];
     None of a straight tube."""
@@ -492,7 +492,8 @@ class Housing(Part):
     light_guide: Length | None = None
     """Thickness of a ring of light fibres within the wall [mm]; None where the file says nothing of light."""
     length: Length | None = None
-    """Length from the tip [mm]; what lies farther back need not fit inside. None: everything must."""
+    """Length from the tip along the light's way, also what a fold turns sideways [mm]; what lies farther back need not
+    fit inside. None: everything must."""
     material: Housed | None = None
     """Material, where it is not the housing's: it holds apart what stands before the main lens from the tube's end to
     the tip, and its own widths grow with it."""

@@ -186,7 +186,7 @@ class FirstAnswer:
         if views:
             within = WorkingRange.of(camera, partial(depth_budget, camera, build=build, calibration=calibration))
         planes = []
-        others = [asked for asked in dict.fromkeys(at) if not math.isclose(asked, focus, rel_tol=1e-9)]
+        others = [asked for asked in dict.fromkeys(at) if number(asked, 4) != number(focus, 4)]
         for plane, distance in ((FOCUS, focus), *((ASKED, asked) for asked in others)):
             field = ObjectField.of(ends, distance, plane)
             u = expanded = lines = None

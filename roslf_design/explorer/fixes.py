@@ -29,8 +29,12 @@ Floats = NDArray[np.float64]
 Change = float | str
 """Value [mm] of one number that does what is wanted, or why there is none."""
 
+GAIN = 1e-6
+"""Share by which the undistorted field grows at least where another place of the FAP is told."""
 NOTEWORTHY = 0.005
 """Relative change from which a consequence is told."""
+MATCHED = 0.01
+"""Part of a pitch up to which images behind a bore's elements, made of lengths as sold, are matched."""
 BLUR_PX = 0.5
 """Microlens defocus that a change of d_2 may leave without f_ml following [px]."""
 BORE_PLACES = 2001
@@ -138,7 +142,7 @@ def _matching(camera: Camera, now: _Facts) -> Iterator[tuple[str, Change]]:
     }
     for symbol in ("d_2", "D_F", "d_3"):
         answer = matched(camera, symbol)
-        if abs(now.fill_factor - 1) < 1e-9:
+        if abs(now.fill_factor - 1) < (MATCHED if camera.in_bore else 1e-9):
             yield symbol, "the f-number is matched already"
         else:
             place = float(answer.value) if answer.exists else None
@@ -208,18 +212,25 @@ def _widest(camera: Camera) -> Change:
     best = float(places[int(np.argmax(radius(places)))])
     if radius(best) <= 0:
         return "no FAP distance leaves any field undistorted: the FAP is wider than a rim"
-    if radius(best) <= radius(float(camera[PATHS["d_3"]])) * (1 + 1e-9):
+    if radius(best) <= radius(float(camera[PATHS["d_3"]])) * (1 + GAIN):
         return "no other FAP distance gives a larger undistorted field"
     return best
 
 
 def _bore(camera: Camera) -> Floats:
     """Distances of the FAP that are tried [mm, with a ruler]: evenly spaced, today's, and every rim's own."""
-    end = float(camera[PATHS["d_f"]])
-    own = [place for place in (float(rim.ruler_distance) for rim in camera.rims) if 0 <= place < end]
-    even = np.linspace(0.0, end, BORE_PLACES)[:-1]
+    low, end = _free(camera)
+    own = [place for place in (float(rim.ruler_distance) for rim in camera.rims) if low <= place < end]
+    even = np.linspace(low, end, BORE_PLACES)[:-1]
     places = np.union1d(even, [*own, float(camera[PATHS["d_3"]])])
     return places[np.diff(places, prepend=-end) > SAME_PLACE * end]
+
+
+def _free(camera: Camera) -> tuple[float, float]:
+    """Ends of the room that the FAP can be moved in, past no element [mm before the main lens]."""
+    here, ends = float(camera[PATHS["d_3"]]), [(float(at.start), float(at.end)) for at in camera.in_bore]
+    nearest = max((end for _, end in ends if end <= here), default=0.0)
+    return min(nearest, here), min((start for start, _ in ends if start > here), default=float(camera[PATHS["d_f"]]))
 
 
 def _with_peaks(value: Callable[[Floats], Floats], camera: Camera) -> Floats:
@@ -244,6 +255,8 @@ def _with_consequences(design: Design, now: _Facts, key: str, label: str, symbol
     if isinstance(change, str):
         return Fix(key, label, why_not=change)
     changes = {symbol: change}
+    if symbol == "d_3" and not (room := _free(Camera.of(design.thin_twin)))[0] <= change <= room[1]:
+        return Fix(key, label, why_not=f"d_3 = {short(change, 5)} mm lies beyond what stands before or behind the FAP")
     if symbol == "D_F" and change > (widest := float(widest_fap(Camera.of(design.thin_twin)))):
         why_not = f"D_F = {short(change, 5)} mm does not fit the {short(widest, 4)} mm of lens and tube"
         return Fix(key, label, why_not=why_not)

@@ -294,4 +294,4 @@ def _usual_bounds(design: Design, symbol: str) -> tuple[float, float]:
         return low, min(max(high, 0.1 * design.f), ahead)
     if symbol == "d_f":
         low = max(low, tip + (value - tip) / REACH)
-    return max(low, 1.05 * design.f) if symbol in ("d_f", "d_1") else low, high
+    return max(low, min(1.05 * design.f, value)) if symbol in ("d_f", "d_1") else low, high

@@ -237,7 +237,12 @@ def walls(c: Camera) -> tuple[str, str]:
         return NARROWEST, clauses(uncounted(c), _cut_words(c))
     outer, wall, narrowest = float(widest(c)), float(shell(c)), float(np.max(_about(c, False)))
     walls = "walls with light guide" if GUIDE in c.numbers else "walls"
-    parts = f"parts of {number(narrowest - 2 * wall, 4)} mm and {walls} of {number(wall, 4)} mm"
+    within = [part for part in housed(c) if part.inside(c)]
+    widest_part = max(within, key=lambda part: float(part.needs(c) + slack(c, part.place)), default=None)
+    parts = f"parts of {number(narrowest - 2 * wall, 4)} mm"
+    if widest_part is not None and (widest_part.aside is not None or widest_part.block):
+        parts = f"{the(widest_part.name)}, {widest_part.sizes(c)},"
+    parts += f" and {walls} of {number(wall, 4)} mm"
     if PROXIMAL in c.numbers:
         parts = f"a cone from {number(float(c.cold[OUTER]), 4)} mm at the tip, {walls} of {number(wall, 4)} mm"
     counted = f"as stated: {parts}, clearance {number(outer - narrowest, 3, 1e-9)} mm"
@@ -260,7 +265,11 @@ def cold_words(c: Camera) -> str:
 def inserted(c: Camera) -> str:
     """Part of the camera that is taken for inserted, in words."""
     if LENGTH in c.numbers:
-        return f"the first {number(float(c.cold[LENGTH]), 4)} mm"
+        length, aside = float(c.cold[LENGTH]), 0.0
+        if c.chain.folds:
+            aside = float(c.cold.tip) - c.chain.folds[0].distance
+        turned = f" of the light's way, {number(length - aside, 4)} mm of them up to its fold" * (0 < aside < length)
+        return f"the first {number(length, 4)} mm{turned}"
     return "all of the camera"
 
 

@@ -353,6 +353,14 @@ def test_a_prism_of_one_reflection_is_as_long_as_its_aperture_takes(sideways):
             assert [one.name for one in roslf.evaluate(design).verdicts].count("prism_too_short") == told
 
 
+def test_a_length_that_a_fold_shortens_and_the_part_that_takes_the_room_are_told(sideways):
+    """The fold stands at 10 mm, the tip at 14: of 12 mm 8 go along the tube; the window ends 4.12 mm aside."""
+    rows = roslf.evaluate(sideways.replace({"tube.length": 12.0, "tube.outer_diameter": 8.0})).answer.rows
+    (remark,) = (remark for name, _, remark in rows if name == "insertion portion")
+    assert remark.startswith("the first 12 mm of the light's way, 8 mm of them up to its fold: ")
+    assert f"plate 2, sideways, out to {math.hypot(4, 1):.4g} mm" in remark
+
+
 def test_a_picture_reversed_by_one_reflection_is_told_of(sideways):
     assert "reversed, left and right, by one reflection: prism 1" in verdict(sideways, "picture_reversed").text
     twice = roslf.evaluate(sideways.replace({"elements.0.reflections": 2}))

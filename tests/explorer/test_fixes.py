@@ -249,6 +249,23 @@ def test_a_real_lens_is_mended_by_its_thin_twin():
         assert bool(fix.changes) != bool(fix.why_not)
 
 
+def test_a_fap_between_rods_goes_through_none_and_nothing_is_offered_where_nothing_is_wrong():
+    """Between rods that end 20 and 40 mm before the lens; 0.9 % of a pitch are matched, of lengths as sold."""
+    rods = [
+        {"kind": "plate", "distance": at, "thickness": 10.0, "material": "F2", "diameter": 24.0} for at in (10.0, 40.0)
+    ]
+    design = roslf.load("paper").replace({"elements": rods}, d_3=30.0)
+    design = design.replace(d_2=1.2 * design.d_2)
+    for fix in proposals(design):
+        assert 20.0 <= fix.changes.get("d_3", 30.0) <= 40.0
+        assert bool(fix.changes) != bool(fix.why_not)
+    (match,) = (fix for fix in proposals(design) if fix.key == "match-d_2")
+    design = design.replace(match.changes)
+    near = design.replace(d=design.d / 0.991)
+    told = {fix.key: fix.why_not for fix in proposals(near)}
+    assert [told[f"match-{symbol}"] for symbol in ("d_2", "D_F", "d_3")] == ["the f-number is matched already"] * 3
+
+
 @pytest.mark.parametrize("name", ["cystoscope", "grin-needle", "video-otoscope", "arthroscope"])
 def test_fixes_behind_a_bore_do_what_they_say(name):
     design = roslf.load(name)

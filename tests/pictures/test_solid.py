@@ -360,3 +360,15 @@ def test_a_stated_tube_is_drawn_as_wide_and_as_long_as_stated():
         assert np.ptp(tip.points[:, 0]) == pytest.approx(ends[0])
         if ends[1] is not None:
             assert np.ptp(tip.points[:, 2]) == pytest.approx(ends[1])
+
+
+def test_a_stated_tube_is_drawn_straight_to_the_prism_that_looks_out_of_its_side():
+    """By hand: the fold stands 35 mm before the lens; the tube ends its radius ahead, 40 mm of light behind the tip."""
+    window = {"kind": "plate", "distance": 50.0, "thickness": 2.0, "material": "N-BK7", "diameter": 10.0}
+    prism = SIDE | {"deviation": math.radians(90), "reflections": 1}
+    tube = {"outer_diameter": 36.0, "wall": 0.5, "length": 40.0}
+    design = PAPER.replace({"elements": [prism, window], "tube": tube}, d_3=10.0)
+    (tip,) = (part.points for part in instrument_scene(design).parts if part.label == "tube")
+    assert np.ptp(tip[:, 0]) == pytest.approx(36.0)
+    assert (tip[:, 2].min(), tip[:, 2].max()) == pytest.approx((-35 - 18, -52 + 40))
+    assert not [part for part in instrument_scene(design.replace({"tube.length": 10.0})).parts if part.label == "tube"]

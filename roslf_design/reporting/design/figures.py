@@ -29,6 +29,8 @@ from .rays import cells, dimensions, is_centred, meridional, ray_diagrams, ray_w
 
 SMALL = 0.6
 """Width of the small drawing to scale, in pages."""
+ROWS = 48.0
+"""Room that names take above the small drawing from which it is drawn as wide as the page [px]."""
 PLACES = ("centre", "edge", "corner")
 """The fields that a report looks at."""
 
@@ -54,8 +56,14 @@ def glance(design: Design, views: bool, known: KnownLengths = DRAWN) -> Figure:
 
 
 def _to_scale(design: Design, stretched: bool = False) -> list[Picture]:
-    """Small drawing to scale of a camera whose axis is folded, or whose section is `stretched`; none of others."""
-    return [scale_drawing(design, SMALL * PAGE)] if stretched or Camera.of(design).chain.folds else []
+    """Small drawing to scale of a camera whose axis is folded, or whose section is `stretched`; none of others.
+
+    It is as wide as the page where names in it would stand over each other.
+    """
+    if not (stretched or Camera.of(design).chain.folds):
+        return []
+    small = scale_drawing(design, SMALL * PAGE)
+    return [small if small.panels[0].box[1] < ROWS else scale_drawing(design, PAGE)]
 
 
 def _ray_sheet(design: Design, result: Evaluation) -> Figure:

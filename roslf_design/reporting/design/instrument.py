@@ -81,7 +81,7 @@ def instrument_scene(design: Design, fold: bool = True, side: bool = False) -> I
     wide = max(
         1.08 * max(*reaches(design), math.hypot(*design.microlens_array.size) / 2), 1.02 * max(reach, default=0.0)
     )
-    wall = _Wall.of(design, wide, -front, bool(folds))
+    wall = _Wall.of(design, wide, -front)
     in_air = design.object_space.medium == AIR
     before = np.array([[0.0, 0.0, start]]) if in_air else turned([(wall.at(-front), z) for z in (start, -front)])
     tops = [(stop.name, -stop.near, wall.at(-stop.near)) for stop in design.openings]
@@ -112,7 +112,7 @@ def instrument_scene(design: Design, fold: bool = True, side: bool = False) -> I
 
 def tube_words(design: Design) -> str:
     """Words on the grey tube of the picture, after its name."""
-    if design.tube is not None and not Camera.of(design).chain.folds:
+    if design.tube is not None:
         return "is that of [tube]"
     return "stands around all that is drawn: it is not to the size of any [tube]"
 
@@ -135,10 +135,10 @@ class _Wall(NamedTuple):
     """Name of it in a legend."""
 
     @classmethod
-    def of(cls, design: Design, wide: float, front: float, folded: bool) -> _Wall:
-        """Wall of a design whose parts and rays reach as `wide`; along a folded axis it is as wide everywhere."""
+    def of(cls, design: Design, wide: float, front: float) -> _Wall:
+        """Wall of a design whose parts and rays reach as `wide`."""
         tube = design.tube
-        if tube is None or folded:
+        if tube is None:
             return cls(wide, front, wide)
         length = math.inf if tube.length is None else tube.length
         flare = 0.0 if tube.proximal_diameter is None else (tube.proximal_diameter - tube.outer_diameter) / 2
@@ -152,8 +152,18 @@ class _Wall(NamedTuple):
 
 
 def _tube(folds: Sequence[Fold], wall: _Wall, front: float, end: float) -> list[Body]:
-    """The tube, mitred where the axis is folded; one that is stated no farther than it reaches."""
-    if wall.flare or front < wall.back < end:
+    """The tube, mitred where the axis is folded; one that is stated no farther than it reaches.
+
+    That is straight: it ends where it has room for the first fold, beyond which light leaves it sideways; none is drawn
+    where that lies behind it.
+    """
+    stated = wall.back > front
+    if folds and stated:
+        fold = -folds[0].distance
+        if fold >= wall.back:
+            return []
+        front = fold - wall.at(fold)
+    if stated and (folds or wall.flare or wall.back < end):
         brims = [(wall.at(z), z) for z in (front, min(wall.back, end))]
         body = Body("tube", "round", turned(brims), bands(2), "grey", 0.10, label=wall.label)
         return [body, _lines("tube ends", [_circle(*one) for one in brims], "grey", 1.5)]
