@@ -177,3 +177,9 @@ def test_a_stop_that_cuts_the_middle_too_is_named_there_and_dims_it():
     (verdict,) = (one for one in result.verdicts if one.name == "field_undistorted")
     assert f". Even in the middle stop 1 leaves {100 * middle:.0f} % of an image." in verdict.text
     assert "Even in the middle" not in roslf.evaluate("rigid-scope").everything
+
+
+def test_a_distance_that_prints_as_the_focal_plane_s_has_one_row():
+    plane = roslf.evaluate("video-otoscope").answer.working_distance_mm
+    for asked, rows in ((plane * (1 + 1e-6), 1), (plane * 1.01, 2)):
+        assert len(roslf.evaluate("video-otoscope", at=asked).answer.at) == rows

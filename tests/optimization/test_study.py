@@ -386,6 +386,9 @@ def test_catalogue_command(capsys):
     assert code == 0
     assert "MLA150-5C" in out
     assert "unverified" in out
+    told = [run(capsys, "catalogue", "--kind", kind, "--json")[:2] for kind in ("arrays", "microlens_arrays")]
+    assert told[0] == told[1]
+    assert told[0][0] == 0
     code, out, _ = run(capsys, "catalogue", "--kind", "lenses", "--where", "diameter<=1 mm", "--where", "maker=Foo")
     diameters = [row["diameter"] for row in rows(load_catalogue([]), ["lenses"])]
     assert f"0 of {len(diameters)} parts" in out

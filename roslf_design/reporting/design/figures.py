@@ -115,7 +115,7 @@ def _cells_sheet(design: Design, result: Evaluation) -> Figure:
         drift += " Hatched cones never come: other rims block that light."
     caption = "Light cones behind five neighbouring microlenses; boxes are pixels. Height and depth differ in scale."
     (centre, _), (edge, _), _ = default_fields(design)
-    picture = cells(design, {PLACES[0]: centre, PLACES[1]: edge - 3 * design.d})
+    picture = cells(design, {PLACES[0]: centre, "inside the edge": edge - 3 * design.d})
     return Figure.of("cells", "Zoom on microlens array and sensor", f"{caption} {touch} {drift}", picture)
 
 
