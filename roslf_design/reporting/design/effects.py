@@ -47,8 +47,8 @@ def effects_budget(effects: Sequence[PlannedEffect], size: Point = (560, 360)) -
     left = 14 + names_width(names)
     width = max(size[0] - left - RIGHT, 80.0)
     unsized = [named[effect] for effect in effects if effect not in sized and effect.modelled]
-    words = [f"Of no size here: {', '.join(unsized)}."] if unsized else []
-    idle = [line for text in (*words, not_modelled(effects)) if text for line in wrapped(text, size[0] - 28)]
+    told = [f"Of no size here: {', '.join(unsized)}."] if unsized else []
+    idle = [line for text in (*told, not_modelled(effects)) if text for line in wrapped(text, size[0] - 28)]
     # Which side of the budget it is on is seen.
     reasons = [
         wrapped(effect.reason.removesuffix("; above the budget").removesuffix("; below the budget"), size[0] - 28)
