@@ -326,7 +326,7 @@ def _exact_shares(images: MicrolensImages) -> list[Shares]:
 
     cut = images.shapes.status[:, 0] != ImageFate.FULL
 
-    cutting = np.any(openings.rooms < 0, axis=0)  # the others hold the FAP's image in theirs
+    cutting = np.any(openings.least_rooms < 0, axis=0)  # the others hold the FAP's image in theirs
 
     def past(order: list[int]) -> Array:
         """Shares past the first few rims; shape (microlenses, rims)."""

@@ -168,7 +168,7 @@ class WhiteGeometry:
 
 def _cutting(openings: Openings) -> Openings:
     """The FAP's opening, and those that cut it anywhere."""
-    cuts = np.any(openings.rooms < 0, axis=0, keepdims=True)[0]
+    cuts = np.any(openings.least_rooms < 0, axis=0, keepdims=True)[0]
     cuts[0] = True
     return openings.some(np.flatnonzero(cuts).tolist())
 

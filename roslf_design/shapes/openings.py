@@ -29,6 +29,8 @@ NEAR, AWAY = 48, 16
 elsewhere. They take no more than they leave, and lie within 5e-4 of that opening's width of the ellipse."""
 TRIALS, CLOSER, ROUNDS = 64, 0.55, 32
 """Directions tried at first; share of their step that each further trial of three has; how many of those."""
+ROUNDING = 1e-9
+"""Share of a half width that is no room."""
 LEVELS, FINE = 6, 64
 """Times that a height is closed in on, and steps of each."""
 
@@ -66,7 +68,7 @@ class Openings(NamedTuple):
     @property
     def unclipped(self) -> bool:
         """Whether the first lies inside all others, everywhere."""
-        return bool((self.rooms[..., 1:] >= 0).all())
+        return bool((self.least_rooms[..., 1:] >= 0).all())
 
     def contain(self, points: Array) -> NDArray[np.bool_]:
         """True for points (N, 2) that lie in all of one row of them, or on a rim but for rounding."""
@@ -147,6 +149,14 @@ class Openings(NamedTuple):
     @property
     def rooms(self) -> Array:
         """Room that each leaves around the first, shape (..., K) [mm]: below 0 where it cuts it."""
+        return self._rooms(self._room_in_ellipse)
+
+    @property
+    def least_rooms(self) -> Array:
+        """Room that each leaves at least, shape (..., K) [mm]: below 0 where `rooms` are, sooner."""
+        return self._rooms(self._least_room_in_ellipse)
+
+    def _rooms(self, in_ellipse: Callable[[int, Array], Array]) -> Array:
         first = self.centres[..., :1, :]
         if 0 in self.polygons:
             own = self.corners[..., self.polygons.index(0), :, :]
@@ -161,8 +171,18 @@ class Openings(NamedTuple):
             reach = 0.0 if 0 in self.polygons else self.radii[..., 0]
             room[..., k] = inward.min((-2, -1)) - reach
         for n, k in enumerate(self.ellipses):
-            room[..., k] = self._room_in_ellipse(n, self.centres[..., k, :] - first[..., 0, :])
+            room[..., k] = in_ellipse(n, self.centres[..., k, :] - first[..., 0, :])
         return np.asarray(room)
+
+    def _least_room_in_ellipse(self, number: int, off: Array) -> Array:
+        """Room that an ellipse leaves at least: by its least half width where that is enough, else its own."""
+        xx, xy, yy = np.moveaxis(self.matrices[..., number, :], -1, 0)
+        narrow = np.sqrt(np.maximum((xx + yy - np.hypot(xx - yy, 2 * xy)) / 2, 0.0))
+        least = narrow - np.hypot(off[..., 0], off[..., 1]) - self.spans[..., 0] / 2
+        if (tight := ~(least > ROUNDING * narrow)).any():
+            few = self.at(tight)
+            least[tight] = few._room_in_ellipse(number, off[tight])
+        return np.asarray(least)
 
     def _room_in_ellipse(self, number: int, off: Array) -> Array:
         """Room that an ellipse leaves around the first, whose centre lies `-off` from its own: least of all ways."""

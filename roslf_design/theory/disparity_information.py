@@ -153,7 +153,7 @@ class ImageRows(NamedTuple):
     @property
     def whole(self) -> NDArray[np.bool_]:
         """True for those that no stop but the FAP cuts."""
-        return np.asarray(self.openings.rooms[:, 1:].min(1, initial=1.0) >= 0)
+        return np.asarray(self.openings.least_rooms[:, 1:].min(1, initial=1.0) >= 0)
 
     def filling(self, rise: float) -> NDArray[np.bool_]:
         """True where so many neighbours' images may lie on each other that they fill pixels; shape (N,)."""

@@ -118,6 +118,15 @@ def test_room_is_the_least_way_to_the_rim():
         assert_allclose(parts.rooms[k, 2], apart, rtol=1e-6)
 
 
+@pytest.mark.parametrize("design", CASES.values(), ids=CASES)
+def test_what_room_is_left_at_least_is_no_more_and_tells_what_cuts(design):
+    x, y = np.meshgrid(*2 * [np.linspace(-8, 8, 12)])
+    parts = field_openings(design, [*zip(x.ravel().tolist(), y.ravel().tolist(), strict=True)])
+    rooms, least = parts.rooms, parts.least_rooms
+    assert (least <= rooms + 1e-12).all()
+    assert ((least < 0) == (rooms < 0)).all()
+
+
 def overlap(polygon, by):
     """Area of a convex polygon's overlap with itself, moved: widths of rows of both, added up."""
     rows = np.linspace(polygon[:, 1].min() + abs(by[1]) / 2, polygon[:, 1].max() - abs(by[1]) / 2, 20_001)
