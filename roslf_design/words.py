@@ -133,9 +133,18 @@ def length(value: float) -> str:
     return f"{text} mm" if abs(value) >= 0.1 or text == "0" else f"{1e3 * value:.5g} um"
 
 
-def uncertainty(value: float, digits: int = 5, sign: str = "") -> str:
-    """An uncertainty [mm] with a sign before it: "none" where it is infinite, for there nothing is known."""
-    return f"{sign}{number(value, digits)} mm" if math.isfinite(value) else "none"
+NO_DEPTH = "no depth there"
+"""Words for an expanded uncertainty of depth as large as the distance: what it is linear in then has no far end."""
+
+
+def uncertainty(value: float, digits: int = 5, sign: str = "", ahead: float = math.inf) -> str:
+    """An uncertainty [mm] with a sign before it: "none" where it is infinite, for there nothing is known.
+
+    One of depth at a distance `ahead` [mm] is `NO_DEPTH` from there on.
+    """
+    if not math.isfinite(value):
+        return "none"
+    return NO_DEPTH if value >= ahead else f"{sign}{number(value, digits)} mm"
 
 
 def angle(value: float) -> str:

@@ -69,7 +69,7 @@ class _AtDistance:
         if self.expanded_mm is None:
             return where, field, "-", "-", "-"
         told = math.isfinite(self.expanded_mm) or self.mostly in (OVERLAP, FULL)
-        depth = uncertainty(self.expanded_mm, 2, "± "), self.mostly if told else ""
+        depth = uncertainty(self.expanded_mm, 2, "± ", self.at_mm), self.mostly if told else ""
         if self.usable_lp_per_mm is None:
             return where, field, *depth, "none"
         return where, field, *depth, f"{number(self.usable_lp_per_mm, 3)} lp/mm"
@@ -251,18 +251,18 @@ class FirstAnswer:
         depth = clauses("depth, U", lengths or "", warm, by=", ")
         return "ahead of the tip", "field", depth, "mostly of", "detail"
 
-    def uncounted(self, design: str = "", calibrated: float | None = None, bare: float | None = None) -> str:
+    def uncounted(self, design: str = "", calibrated: str = "", bare: str = "") -> str:
         """Line below the table over distances: U in the focal plane with what lengths add; else the command that tells.
 
         Empty where its depths count lengths. `design` is as it was typed; `calibrated` is U as planned, `bare` without
-        a calibration [mm], None where not known.
+        a calibration, in words, empty where not known.
         """
         if self.working_range_lengths != "as drawn":
             return ""
         command = f"`{f'roslf calibrate --plan {design}'.strip()}`"
         told = clauses(
-            "" if calibrated is None else f"calibrated as {command} plans {uncertainty(calibrated, 3, '± ')}",
-            "" if bare is None else f"uncalibrated {uncertainty(bare, 3, '± ')}",
+            f"calibrated as {command} plans {calibrated}" if calibrated else "",
+            f"uncalibrated {bare}" if bare else "",
             by=", ",
         )
         known = f"{told} (U in the focal plane)" if told else f"{command} adds them"

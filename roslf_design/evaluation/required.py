@@ -26,7 +26,7 @@ from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.limits import AT_FIELD, OFF_AXIS, as_design, held_by_builds, limits
 from ..theory.quantities import EXPANDED, QUANTITIES, quantity_named
 from ..theory.quantity import FEASIBLE, Quantity
-from ..words import clauses, length, number, on_side, uncertainty
+from ..words import NO_DEPTH, clauses, length, number, on_side, uncertainty
 from .field_images import FieldImages
 from .fields import place_off_axis
 from .groups import Verdict
@@ -121,6 +121,8 @@ class Requirement:
     @property
     def value_words(self) -> str:
         """Value in words."""
+        if self.quantity == "u_z_mm" and (self.at_mm or math.inf) <= COVERAGE * (self.value or 0.0) < math.inf:
+            return NO_DEPTH
         return "none" if self.value is None else self._with_unit(self.value)
 
     def expanded(self, value: float | None) -> str:
@@ -131,7 +133,8 @@ class Requirement:
 
     def beside(self, once: str, expanded: Array) -> Requirement:
         """Requirement of a depth that is met `once` something is done, and U uncalibrated."""
-        bare = f"uncalibrated, by default tolerances, U = {uncertainty(float(expanded), 4)}"
+        u = uncertainty(float(expanded), 4, ahead=self.at_mm or math.inf)
+        bare = f"uncalibrated, by default tolerances, U = {u}"
         told = replace(self, counts=clauses(self.counts, bare))
         if not (self.met and once):
             return told

@@ -255,7 +255,7 @@ def _whose(result: Evaluation) -> str:
     return "" if result.real_lens is None else ", of the thin-lens model"
 
 
-def answer_tables(result: Evaluation, calibrated: float | None = None, bare: float | None = None) -> list[Table]:
+def answer_tables(result: Evaluation, calibrated: str = "", bare: str = "") -> list[Table]:
     """Field of view, distances and light, then field, depth and detail by distance: what a buyer asks.
 
     U with what lengths add stands below, where it is known, as `FirstAnswer.uncounted`.
@@ -331,7 +331,7 @@ def depth_budget_tables(result: Evaluation) -> list[Table]:
         cells(f"all {kind}", budget.of_kind(kind) if kind in known else None, "", "", words[kind]) for kind in KINDS
     ]
     rows.append(cells("together, u", total, "", "", f"largest: {budget.largest.name}"))
-    rows.append(("expanded, U", uncertainty(float(budget.expanded_mm), 3), "", "", "", f"k = {COVERAGE}"))
+    rows.append(("expanded, U", budget.expanded_words(), "", "", "", f"k = {COVERAGE}"))
     headings = ("source", "u", "of u²", "type", "", "")
     return [Table(tuple(rows), "ldllll", headings, "Depth, expected, at the focal plane")]
 

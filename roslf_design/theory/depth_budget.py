@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -77,6 +78,8 @@ class DepthBudget:
     """Whether no board covers the distance."""
     calibrated_at_degc: Array | float | None = None
     """Temperature that the term of temperature counts from [degrees C]; None where there is none."""
+    ahead_mm: float = math.inf
+    """Distance ahead of the tip, of one build [mm]."""
 
     def of_kind(self, kind: Kind | None = None) -> Array:
         """Root sum of squares of all terms, or of those of a kind [mm]."""
@@ -122,7 +125,11 @@ class DepthBudget:
     @property
     def words(self) -> str:
         """The expanded uncertainty and its largest term, of one build."""
-        return f"U = {uncertainty(float(self.expanded_mm), 3, '± ')}, mostly {self.largest.name}"
+        return f"U = {self.expanded_words('± ')}, mostly {self.largest.name}"
+
+    def expanded_words(self, sign: str = "", digits: int = 3) -> str:
+        """U with its unit, of one build."""
+        return uncertainty(float(self.expanded_mm), digits, sign, self.ahead_mm)
 
     @property
     def left_out(self) -> str:
@@ -231,7 +238,9 @@ def depth_budget(
             warmth, remark = None, f"nothing says how {listed([*silent])} would grow"
     alone = bool(calibration is not None and at is not None and np.isin(at, calibration.uncovered_mm).any())
     terms.append(BudgetTerm(WARMTH, "B", "trueness", warmth, remark))
-    budget = DepthBudget(tuple(terms), sigmas[0], None, alone, None if met is None else met[2])
+    away = c["main_lens.focal_plane"] - c.tip if at is None else at
+    ahead = math.inf if np.ndim(away) else float(away)
+    budget = DepthBudget(tuple(terms), sigmas[0], None, alone, None if met is None else met[2], ahead)
     if not worst or met is None or warmth is None or c.shape or np.ndim(warmth) or met[0] == met[1]:
         return budget
     return replace(budget, worst=_at_worst(c, at, budget, met))

@@ -258,7 +258,8 @@ def test_depth_that_is_required_says_what_it_counts_as_the_budget_has_it():
     short = roslf.evaluate(asked(text), build=loose)
     assert [verdict.level for verdict in short.verdicts] == ["fault", *(one.level for one in bare.verdicts[1:])]
     plan = CalibratedLengths(LengthCovariance(("sensor.distance",), np.array([[1e-6]])), planned=True)
-    shown, uncalibrated = FieldImages.of(asked(text)), short.required[0].expanded(short.required[0].value)
+    shown, uncalibrated = FieldImages.of(asked(text)), "U = no depth there"
+    assert 2 * short.required[0].value > short.required[0].at_mm
     for planned, words in ((None, "met as drawn"), (plan, "met once calibrated as planned")):
         held = held_as_planned(bare, shown, loose, planned)
         assert held.verdicts[0].text.startswith(f"{words}: depth, expected")

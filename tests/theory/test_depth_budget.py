@@ -481,3 +481,20 @@ def test_noise_of_full_pixels_is_called_so():
     full = PAPER.replace({"light.exposure": "1 s"})
     noise = terms(depth_budget(Camera.of(full)))["shot and read noise"]
     assert (noise.u_mm, noise.remark) == (np.inf, "the bound; pixels are full")
+
+
+@pytest.mark.parametrize("at", [None, 100.0])
+def test_u_as_large_as_the_distance_is_no_depth(at):
+    camera = Camera.of(roslf.load("paper"))
+    ahead = float(focus_ahead(camera)) if at is None else at
+    sigma = float(
+        depth_budget(camera, at, build=_of_d_1(1.0)).terms[-2].u_mm
+    )  # per mm of d_1, beside which all is small
+    for share, told in ((0.9, True), (1.1, False)):
+        budget = depth_budget(camera, at, build=_of_d_1(share * ahead / (2 * sigma)))
+        assert (" mm" in budget.expanded_words()) == told
+        assert ("no depth there" in budget.words) != told
+
+
+def _of_d_1(sigma):
+    return LengthCovariance(("microlens_array.distance",), np.array([[sigma**2]]))

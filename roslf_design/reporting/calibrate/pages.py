@@ -46,7 +46,7 @@ from ...input_files import read_bytes
 from ...theory.depth_budget import DepthBudget, depth_budget
 from ...theory.length_covariance import LengthCovariance
 from ...tolerancing.places import short_name
-from ...words import clauses, length, listed, number, rounded, sentence, uncertainty
+from ...words import clauses, length, listed, number, rounded, sentence
 from ..blocks import (
     MARKS,
     Block,
@@ -537,7 +537,7 @@ def plan_blocks(
     if build is not None:
         u, bare = planned_depth(design, plan, asked).expanded_mm, depth_budget(Camera.of(design), build=build)
         supposed = "with tolerances known before"
-        wide = uncertainty(float(bare.expanded_mm), 3, "± ")
+        wide = bare.expanded_words("± ")
         others = [
             f"Uncalibrated, by {whose} alone: {wide} in the focal plane.",
             f"By captures alone, of a camera whose tolerances nobody knows: ± {_rounded(u)} in the focal plane.",

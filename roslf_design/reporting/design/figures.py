@@ -17,7 +17,7 @@ from ...evaluation.result import Evaluation, depth_basis
 from ...imaging.transfer import encircled
 from ...lenses.glass import ROOM
 from ...theory.quantities import noise_words
-from ...words import number, spaced, the, uncertainty
+from ...words import number, spaced, the
 from ..blocks import Figure
 from ..lens_words import lens_words
 from .curves import DRAWN, KnownLengths, counted_lengths, depth_precision, matching_plane
@@ -219,7 +219,7 @@ def depth_figure(design: Design, known: KnownLengths = DRAWN, more: str = "", ta
     budget = known.budget(Camera.of(design), None)
     noise = "the bound" if design.depth.disparity_error is None else noise_words(True)
     caption = (
-        f"Depth, expected, U (k = 2), {counted_lengths(budget)}: {uncertainty(float(budget.expanded_mm), 3, '± ')} at "
+        f"Depth, expected, U (k = 2), {counted_lengths(budget)}: {budget.expanded_words('± ')} at "
         f"the focal plane, which a measurement is to be believed to, and below it {noise}, over the working range and "
         f"all distances that are required or asked for.{more}"
     )

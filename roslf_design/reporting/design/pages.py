@@ -187,12 +187,12 @@ def _ray_budget(result: Evaluation) -> Block:
     return Paragraph("Ray budget: all rays that fill the pupil reach their microlens's own pixels.")
 
 
-def _with_lengths(grounds: SpreadSources) -> tuple[float | None, float | None]:
-    """U in the focal plane as calibrated by the plan, and uncalibrated [mm]; None where it is not known."""
+def _with_lengths(grounds: SpreadSources) -> tuple[str, str]:
+    """U in the focal plane as calibrated by the plan, and uncalibrated, in words; empty where it is not known."""
     camera, build, planned = Camera.of(grounds.design), grounds.before, grounds.planned
     after = None if planned is None else depth_budget(camera, build=build, calibration=planned)
     before = None if build is None else depth_budget(camera, build=build)
-    u, bare = (None if budget is None else float(budget.expanded_mm) for budget in (after, before))
+    u, bare = ("" if budget is None else budget.expanded_words("± ") for budget in (after, before))
     return u, bare
 
 

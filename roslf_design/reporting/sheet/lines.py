@@ -98,6 +98,7 @@ others, about."""
 NONE = "–"
 """Revision or date where none is given."""
 NOMINAL = "Nominal values, but where a line says built or calibrated: no tolerance study is at hand."
+LOOKED = "Nominal values, but where a line says built or calibrated: to default tolerances, studied below, not yours."
 TILTED = "Parts are tilted; the data sheet is of the straight ones, but for what tilted stops cut."
 
 
@@ -437,10 +438,11 @@ def _range_lines(within: WorkingRange) -> Iterator[_SheetLine]:
 
 
 def told_as_planned(grounds: SpreadSources, required: Sequence[Requirement]) -> SpreadSources:
-    """Sources whose lines on a required depth are these requirements'."""
+    """Sources with a study of default tolerances behind them, whose lines on required depths are these."""
     told = zip(required, grounds.rows, _required_lines(required), strict=False)
     rows = [new if one.quantity == "u_z_mm" else old for one, old, new in told]
-    return grounds._replace(rows=(*rows, *grounds.rows[len(rows) :]))
+    sentences = tuple(LOOKED if one == NOMINAL else one for one in grounds.sentences)
+    return grounds._replace(rows=(*rows, *grounds.rows[len(rows) :]), sentences=sentences)
 
 
 def _listed(subject: str) -> Iterator[tuple[Quantity, Listed]]:
@@ -464,7 +466,7 @@ def _expected_lines(budgets: Mapping[float | None, DepthBudget]) -> Iterator[_Sh
     """Lines on what a measured depth is to be believed to, on the axis, in the terms of the GUM."""
     budget = budgets[None]
     u, largest = float(budget.u_z_mm), budget.mostly
-    missing = "" if math.isfinite(u) else "none"
+    missing = "" if float(budget.expanded_mm) < budget.ahead_mm else budget.expanded_words()
     yield _SheetLine(
         EXPECTED, f"{LEADS} {IN_FOCUS}, k = {COVERAGE}, {budget.lengths}", COVERAGE * u, "mm", largest, "", missing
     )
@@ -477,7 +479,7 @@ def _expected_lines(budgets: Mapping[float | None, DepthBudget]) -> Iterator[_Sh
     for at, there in budgets.items():
         if at is not None:
             expanded, mostly = float(there.expanded_mm), there.mostly
-            missing = "" if math.isfinite(expanded) else "none"
+            missing = "" if expanded < at else there.expanded_words()
             yield _SheetLine(EXPECTED, f"U at {number(at, 4)} mm", expanded, "mm", mostly, "", missing)
     if budget.left_out:
         yield _SheetLine(EXPECTED, "not in it", None, "", budget.left_out, "", "–")
@@ -747,7 +749,7 @@ def _answers(grounds: SpreadSources, lead: _SheetLine) -> Iterator[_SheetLine]:
             yield lead._replace(remark=f"{lead.remark}; {remark}")
             continue
         value = None if budget is None else float(budget.expanded_mm)
-        text = NONE if value is None else "" if math.isfinite(value) else "none"
+        text = NONE if budget is None else "" if value < budget.ahead_mm else budget.expanded_words()
         name = f"U {IN_FOCUS}, {CONDITIONS.get(lengths, f'uncalibrated, {lengths}')}"
         others.append(_SheetLine(EXPECTED, name, value, "mm", remark, "", text))
     yield from others
