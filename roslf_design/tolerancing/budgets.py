@@ -17,8 +17,12 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from .._arrays import Array
+from ..camera import Camera
+from ..evaluation.remedies import is_matched
 from ..progress import UNHEARD, Share, part_of
+from ..theory.focused import has_views
 from .draws import Draws, Perturbation
+from .metrics import builds_of, focus_shown
 from .places import (
     CALIBRATION,
     LEFT,
@@ -31,7 +35,7 @@ from .places import (
     parse_tolerance,
     perturbable,
 )
-from .study import Adjuster, Study, TolerancePlan, focused_twice
+from .study import VIEWS, Adjuster, Study, TolerancePlan, focused_twice
 from .trials import BLOCK, focus_travel, holding, measure_finally
 from .yields import (
     DEAR,
@@ -54,8 +58,8 @@ Kind = Literal["grade", "adjustment", "tightening", "several grades", "all toler
 
 MOST_TRIALS, STEPS_TRIALS = 4096, 1024
 """Builds that a change is searched by, and those by which the next of several steps is chosen."""
-MOST_HELPING = 8
-"""Parts among which several steps are looked for where builds are dear."""
+MOST_HELPING, MANY_HELPING = 8, 24
+"""Parts among which several steps are looked for where builds are dear, and where they are not: each step asks all."""
 HALVINGS = 12
 """Number of halvings in a bisection: it ends at 1/4096 of the tolerance."""
 SCREENED = 0.5
@@ -265,12 +269,12 @@ class _Aim(NamedTuple):
 
 
 def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[_CostedPart, ...]:
-    """Parts that a shop makes, from a study's perturbations; a tolerance of zero is none."""
+    """Parts that a shop makes, from a study's perturbations; a tolerance of zero is none, nor what views show."""
     design = plan.question.design
     kinds, rows = perturbable(design), dict[str, list[int]]()
     for index, p in enumerate(plan.draws.perturbations):
         base, _, axis = p.place.rpartition(".")
-        if p.tolerance > 0:
+        if p.tolerance > 0 and p.source != VIEWS:
             rows.setdefault(base if axis.isdigit() else p.place, []).append(index)
     parts = []
     for place, members in rows.items():
@@ -423,11 +427,14 @@ def _adjusted(
 
     def left_by(other: TolerancePlan, places: Sequence[str]) -> _Builds:
         """Builds of a plan that adjusts these places, each off by what that leaves."""
-        stated = [LEFT + place for place in places if LEFT + place in leaves]
+        shown = {
+            LEFT + one.place: focus_shown(plan.question, one.place)[1] for one in other.adjusters if one.aim == "focus"
+        }
+        left = {place: (shown | leaves).get(place, math.inf) for place in (LEFT + place for place in places)}
         more = [
-            Perturbation(place, 0.0, leaves[place], study.distribution, study.truncate)
-            for place in stated
-            if study is not None
+            Perturbation(place, 0.0, width, study.distribution, study.truncate)
+            for place, width in left.items()
+            if study is not None and math.isfinite(width)
         ]
         draws = replace(other.draws, perturbations=(*missed, *more))
         return _Builds(
@@ -479,8 +486,13 @@ def _stepped(
     now: _Builds, parts: Sequence[_CostedPart], grades: Grades, target: float, aim: _Aim
 ) -> tuple[Steps, _Builds] | None:
     """Parts taken to better grades, each time what helps most for its cost, until the aim; None where none is left."""
-    few = _few(now, aim)
-    builds, left, (used,) = now, {part.place: part for part in parts if part.line}, now.used(target, few)
+    few, left = _few(now, aim), {part.place: part for part in parts if part.line}
+    tightest = now
+    for part in left.values():
+        tightest = tightest.with_part(part, min(part.tolerance, *part.widths))
+    if not aim.held_by(tightest):
+        return None
+    builds, (used,) = now, now.used(target, few)
     steps: dict[str, tuple[str, float]] = {}
     while left:
         options: list[tuple[float, _CostedPart, str, float, _Builds]] = []
@@ -492,9 +504,10 @@ def _stepped(
                 if width < at and cost is not None:
                     options.append((max(cost - spent, 1e-9), part, name, width, builds.with_part(part, width)))
         _, *after = builds.used(target, few, *(option[-1] for option in options))
-        if builds.plan.dear and not steps:  # what helps little at first is not asked again
+        most = MOST_HELPING if builds.plan.dear else MANY_HELPING
+        if len(left) > most and not steps:  # what helps little at first is not asked again
             helps = {option[1].place: used - there for option, there in zip(options, after, strict=True)}
-            for place in sorted(left, key=lambda place: -helps.get(place, -math.inf))[MOST_HELPING:]:
+            for place in sorted(left, key=lambda place: -helps.get(place, -math.inf))[most:]:
                 del left[place]
         merits = [(used - there) / option[0] for there, option in zip(after, options, strict=True)]
         best = max(range(len(merits)), key=merits.__getitem__, default=None)
@@ -543,6 +556,19 @@ def _pruned(
     return tuple((place, name, width) for place, (name, width) in steps.items()), builds
 
 
+def _stays_matched(plan: TolerancePlan, part: _CostedPart, width: float) -> bool:
+    """Whether a part alone, so far off either way, leaves the f-number matched where the design has it so."""
+    camera, nominal = Camera.of(plan.question.design.thin_twin), nominal_values(plan.question.design)
+    if not has_views(camera) or not is_matched(camera):
+        return True
+    count = 2 * len(part.rows)
+    off = {plan.draws.perturbations[row].place: np.zeros(count) for row in part.rows}
+    for k, miss in enumerate(off.values()):
+        miss[2 * k : 2 * k + 2] = -width, width
+    builds, cameras = builds_of(plan.question, {place: nominal[place] + miss for place, miss in off.items()}, count)
+    return bool((is_matched(builds.camera) & cameras).all())
+
+
 def _loosened(
     start: _Builds, parts: Sequence[_CostedPart], grades: Grades, aim: _Aim, tell: Share
 ) -> tuple[tuple[_Looser, ...], _Builds]:
@@ -550,7 +576,11 @@ def _loosened(
     options, few = [], _few(start, aim)
     share = min(max(aim.passed / aim.trials, 0.01), 1.0)
     for part in (part for part in parts if part.line is not None):
-        wider = [(width, name) for name, width in zip(grades.names, part.widths, strict=True) if width > part.tolerance]
+        wider = [
+            (width, name)
+            for name, width in zip(grades.names, part.widths, strict=True)
+            if width > part.tolerance and _stays_matched(start.plan, part, width)
+        ]
         if wider:
             wider.sort(reverse=True)
             options.append((start.with_part(part, wider[0][0]), part, wider))

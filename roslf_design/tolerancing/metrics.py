@@ -19,7 +19,10 @@ from ..bore.part import TEMPERATURE
 from ..camera import TEMPERATURES, Camera, Number
 from ..design import PATHS, Design
 from ..evaluation.field_images import FieldImages, rays_tell
+from ..theory.depth_budget import COVERAGE, depth_budget
+from ..theory.depth_of_field import depth_of_field
 from ..theory.field_of_view import focus_ahead
+from ..theory.focused import is_focused
 from ..theory.quantities import DECODED, QUANTITIES
 from ..theory.quantity import Quantity
 from ..theory.tube import WALL
@@ -351,6 +354,23 @@ def focus_moves(question: Question, values: Mapping[str, Array], trials: int, pl
         behind, ahead = out_of_focus(-step), out_of_focus(step)
         slope, bend = (ahead - behind) / 2, (ahead + behind) / 2 - here
         return np.asarray(-2 * step * here / (slope + np.copysign(np.sqrt(slope**2 - 4 * bend * here), slope)))
+
+
+def focus_shown(question: Question, place: str) -> tuple[float, float]:
+    """Half-widths within which a design's own views show where its focus is: ahead of the tip, and of a place [mm].
+
+    U, k = 2, of one measurement there without what all have alike, as lengths; no more than half a view's depth of
+    field. Not finite where nothing shows it.
+    """
+    camera = Camera.of(question.design)
+    noise = math.nan if is_focused(camera) else COVERAGE * float(depth_budget(camera, worst=False).of_kind("precision"))
+    near, far = depth_of_field(camera, "view")
+    shown = float(np.fmin(noise, (far - near) / 2))
+    step = STEP**2 * question.design.d_1
+    ends = {place: nominal_values(question.design)[place] + np.array([-step, step])}
+    with np.errstate(all="ignore"):
+        behind, ahead = focus_ahead(builds_of(question, ends, 2)[0].camera)
+        return shown, float(shown * 2 * step / np.abs(ahead - behind))
 
 
 def faults_of(question: Question, values: Mapping[str, Array], trials: int) -> dict[str, NDArray[np.bool_]]:

@@ -53,7 +53,18 @@ from ..units import Length, in_file, read_quantity
 from ..words import number
 from .draws import Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
-from .metrics import DISTANT, METRICS, SHAPES, Column, Question, evaluate_builds, faults_of, mount_of, share_by_rays
+from .metrics import (
+    DISTANT,
+    METRICS,
+    SHAPES,
+    Column,
+    Question,
+    evaluate_builds,
+    faults_of,
+    focus_shown,
+    mount_of,
+    share_by_rays,
+)
 from .places import (
     CALIBRATION,
     LEFT,
@@ -72,6 +83,8 @@ Only = Literal["yield"]
 """Analyses of a study that are asked for alone."""
 OWN = "this study"
 """Source of a tolerance that is no grade's."""
+VIEWS = "as its own views show it"
+"""Source of what a compensator to the focus leaves of which neither study nor grade says what that is."""
 MOST_TRIALS = 10**10
 """Fifteen hours of a processor at best."""
 MOST_MEMORY, SOBOL_ROWS = 1 << 30, 600
@@ -229,7 +242,7 @@ class Compensate(StrictTable):
     error: str | float | None = None
     """Error that it leaves, as a tolerance with the study's distribution: by how much the part is set amiss either way,
     or depth of a calibrated decoder is off; where left out that of the study's grade, if its table tells one, else
-    nothing, and pages say so."""
+    of a focus what the camera's own views show of it, of others nothing, and pages say so."""
 
     @field_validator("aim")
     @classmethod
@@ -413,7 +426,7 @@ class TolerancePlan:
 
     @property
     def perfect(self) -> tuple[str, ...]:
-        """Places of compensators of which nobody says what they leave, so that they leave nothing."""
+        """Places of compensators that leave nothing: nobody says what, or none."""
         every = [one.place for one in self.adjusters] + [CALIBRATION] * self.calibrated
         stated = {p.place for p in self.draws.perturbations}
         return tuple(place for place in every if LEFT + place not in stated)
@@ -677,7 +690,7 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
     distant = dict.fromkeys(Column(goal.quantity, None, goal.at) for goal in study.goals if goal.at is not None)
     question = Question(design, metrics, fields, distance, tuple(distant))
     problems += focus_faults(design, *dict.fromkeys(c.metric for c in question.columns if c.quantity.of_views))
-    perturbations = _perturbations(study, design, grades, len(fields), problems)
+    perturbations = _perturbations(study, question, grades, problems)
     members = {line.group for line in study.perturb}
     problems += [
         Problem("groups", f"'{group.name}' has no member; name it as `group` in some [[perturb]]")
@@ -783,8 +796,9 @@ def _fields_of(study: Study, design: Design) -> tuple[tuple[tuple[float, float],
 
 
 def _perturbations(
-    study: Study, design: Design, grades: Grades, fields: int, problems: list[Problem]
+    study: Study, question: Question, grades: Grades, problems: list[Problem]
 ) -> tuple[Perturbation, ...]:
+    design = question.design
     nominal = nominal_values(design)
     missed = partial(Perturbation, distribution=study.distribution, truncation=study.truncate)
     graded = {}
@@ -804,7 +818,7 @@ def _perturbations(
     for index, line in enumerate(study.perturb):
         own = _widths(line.tolerance, line.place, design)
         for place in line.place:
-            if place.startswith(LENSLETS) and int(place.split(".")[2]) >= fields:
+            if place.startswith(LENSLETS) and int(place.split(".")[2]) >= len(question.fields):
                 continue  # nobody looks at it
             key = f"perturb.{index}.place"
             if place in given:
@@ -828,6 +842,11 @@ def _perturbations(
         left = [LEFT + place for place in compensator.place]
         for place, width in _widths(compensator.error, left, design).items():
             result[place] = missed(place, 0.0, width, source=OWN)
+            if not width:
+                del result[place]  # without error, as it is told
+        for place in compensator.place if compensator.aim == "focus" and compensator.error is None else ():
+            if LEFT + place not in result and math.isfinite(width := focus_shown(question, place)[1]):
+                result[LEFT + place] = missed(LEFT + place, 0.0, width, source=VIEWS)
     if (warm := result.get(TEMPERATURE)) is not None and (growth := Growth.of(design)) is not None:
         ends = np.array([warm.nominal - warm.tolerance, warm.nominal + warm.tolerance])
         lines = (f"perturb.{k}.tolerance" for k, line in enumerate(study.perturb) if TEMPERATURE in line.place)

@@ -22,6 +22,7 @@ from roslf_design.reporting.tolerance.pages import (
     _yield_statement,
     blame,
     clearance_words,
+    headline,
     interval_words,
     loose_words,
     looser,
@@ -595,6 +596,9 @@ def test_a_depth_that_builds_miss_uncalibrated_is_told_apart_from_the_yield():
     assert [row["share"] for row in result.to_dict()["required_short_of"]] == [0.0]
     statement = _yield_statement(result)
     assert statement.tone == "caution"
+    (one,) = result.required
+    missed = f", and depth, expected, u_Z is missed: {one.value_words} against at most 0.3 mm. 95 % interval"
+    assert missed in headline(result)
     assert (
         " Not in it, as builds do not tell it: depth, expected, u_Z. Missed by a camera that nobody" in statement.text
     )

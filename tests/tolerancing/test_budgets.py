@@ -8,7 +8,7 @@ from scipy.stats import binomtest
 
 from roslf_design.design import load
 from roslf_design.errors import InputError
-from roslf_design.tolerancing.budgets import budget, parts_of
+from roslf_design.tolerancing.budgets import _stays_matched, budget, parts_of
 from roslf_design.tolerancing.places import load_grades
 from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.study import tolerance_plan
@@ -207,3 +207,13 @@ def test_failures_are_counted_or_too_many(count, most):
     deviations = np.arange(count)[None].astype(float)
     number = failures(lambda some: failing[some[0].astype(int)], deviations, most)
     assert number == (failing.sum() if failing.sum() <= most else None)
+
+
+def test_no_tolerance_is_relaxed_to_where_images_no_longer_match():
+    """Fill is in proportion to d_2, to first order: half a pixel of 13 still matches."""
+    line = {"place": "d_2", "tolerance": "1 um"}
+    plan, _, grades = tolerance_plan(
+        {"name": "n", "design": "paper", "perturb": [line], "goals": [{"metric": "fill_factor", "min": 0.5}]}
+    )
+    (part,) = parts_of(plan, grades)
+    assert [_stays_matched(plan, part, share * 2.0) for share in (0.001, 0.01, 0.05)] == [True, True, False]

@@ -17,7 +17,7 @@ from ...bore.chain import COLLIDE
 from ...camera import Camera
 from ...design import Design
 from ...drawing.picture import Picture
-from ...evaluation.required import OUTCOMES, missed_words, outcome_of, outcomes_words
+from ...evaluation.required import OUTCOMES, Requirement, outcome_of, outcomes_words
 from ...evaluation.result import MARKS as VERDICT_MARKS
 from ...fates import ImageFate
 from ...tables import Column
@@ -29,8 +29,8 @@ from ...theory.tube import WIDTHS, unsaid_bore
 from ...tolerancing.budgets import Change, ToleranceBudget
 from ...tolerancing.clearances import Missed, tight_clearances
 from ...tolerancing.draws import Perturbation
-from ...tolerancing.metrics import DISTANT, METRICS, mount_of
-from ...tolerancing.places import CALIBRATION, display, perturbable, short_name
+from ...tolerancing.metrics import DISTANT, METRICS, focus_shown, mount_of
+from ...tolerancing.places import CALIBRATION, LEFT, display, perturbable, short_name
 from ...tolerancing.result import (
     KNOWN_LENGTHS,
     MANY,
@@ -44,7 +44,7 @@ from ...tolerancing.result import (
     reach_of,
     share_that_meets,
 )
-from ...tolerancing.study import OWN, TolerancePlan
+from ...tolerancing.study import OWN, VIEWS, TolerancePlan
 from ...tolerancing.summaries import ColumnSummary, Variant, correlations, summarise
 from ...tolerancing.tally import Tally
 from ...tolerancing.traced import fates
@@ -194,7 +194,17 @@ def headline(result: StudyResult, judged: bool = True) -> str:
 def _yield_words(result: StudyResult, judged: bool) -> str:
     share, target = result.together.value, result.study.yield_target
     verdict = f": {outcome_of(share, target)} (target yield {100 * target:.4g} %)" if judged else ""
-    return f"Yield {100 * share:.2f} %{verdict}"
+    missed = [f"{one.label} is missed: {one.value_words} against {one.limits}" for one in _missed_beside(result)]
+    return f"Yield {100 * share:.2f} %{verdict}" + (f", and {words.listed(missed)}" if missed else "")
+
+
+def _beside(result: StudyResult) -> list[Requirement]:
+    """Requirements that are judged over builds as a whole, and that the yield does not count."""
+    return [one for one in result.required if not (of_builds(one) or own_limit(result.plan, result.final, one))]
+
+
+def _missed_beside(result: StudyResult) -> list[Requirement]:
+    return [one for one in _beside(result) if not one.met]
 
 
 def limits_words(variant: Variant) -> str:
@@ -237,11 +247,27 @@ def depth_sentence(budget: DepthBudget | None, plan: TolerancePlan) -> str:
 
 
 def set_words(plan: TolerancePlan) -> str:
-    """Words on parts that a plan sets on each build as if perfectly, after a comma; empty where there are none."""
-    perfect = [short_name(place, plan.question.design) for place in plan.perfect if place != CALIBRATION]
-    if not perfect:
-        return ""
-    return f", {words.listed(perfect)} set without error (`error` of a compensator states what it leaves)"
+    """Words on parts of which nobody says how well they are set on each build, after a comma; empty where none is."""
+    design, told = plan.question.design, list[str]()
+    if perfect := [short_name(place, design) for place in plan.perfect if place != CALIBRATION]:
+        told = [f", {words.listed(perfect)} set without error (`error` of a compensator states what it leaves)"]
+    for p in plan.draws.perturbations:
+        if p.source == VIEWS:
+            place = p.place.removeprefix(LEFT)
+            ahead, _ = focus_shown(plan.question, place)
+            told.append(
+                f", focused to ± {words.number(ahead, 3)} mm, {VIEWS} ({short_name(place, design)} to "
+                f"± {display(p.tolerance, 'length')}; state its `error`)"
+            )
+    return "".join(told)
+
+
+def _focused_as(plan: TolerancePlan) -> str:
+    """Condition of U where its focus is set as finely as views show it, after a comma; empty where it is not."""
+    shown = [p for p in plan.draws.perturbations if p.source == VIEWS]
+    return "".join(
+        f", if {short_name(p.place, plan.question.design)} within ± {display(p.tolerance, 'length')}" for p in shown
+    )
 
 
 def _travel_words(result: StudyResult, use: AdjusterUse) -> str:
@@ -329,14 +355,13 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
     text, lead = headline(result, not first_look), len(_yield_words(result, not first_look))
     if first_look:
         return Statement("plain", f"{text}, by default limits, not yours.", lead=lead)
-    untold = [one for one in result.required if not (of_builds(one) or own_limit(result.plan, result.final, one))]
+    untold, missed = _beside(result), _missed_beside(result)
     text += f" ({name})." if name else "."
     if untold:
         text += f" Not in it, as builds do not tell it: {words.listed([one.label for one in untold])}."
-    if missed := [one for one in untold if not one.met]:
-        depth = any(one.quantity == "u_z_mm" for one in missed)
-        text += f" Missed{' by a camera that nobody calibrates' * depth}: {missed_words(missed)}."
-        text += " Of a calibrated one believe its verdict with lengths as calibrated." * depth
+    if any(one.quantity == "u_z_mm" for one in missed):
+        text += " Missed by a camera that nobody calibrates; of a calibrated one believe its verdict with lengths as"
+        text += " calibrated."
     tone = TONES[outcome_of(result.together.value, result.study.yield_target)]
     return Statement("caution" if missed and tone == "good" else tone, text, mends(result), lead)
 
@@ -612,7 +637,8 @@ def _required_rows(result: StudyResult, variants: Sequence[Variant]) -> Iterator
         low, high = (one.coverage * end for end in asked_ends(one))
         asked = _ends_words(low, high, one.unit)
         if (share := share_that_meets(plan, result.final, one)) is None:
-            bare, outcome = ", uncalibrated" * (one.quantity == "u_z_mm"), "met" if one.met else "missed"
+            bare = f", uncalibrated{_focused_as(plan)}" * (one.quantity == "u_z_mm")
+            outcome = "met" if one.met else "missed"
             yield _LimitRow(one.label, asked, (*before, None), outcome, without=f"{one.value_words}{bare}")
         else:
             target = result.study.yield_target
@@ -787,7 +813,8 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
         caption = (
             f"All together, {after}a yield of {share_words(budget.result)}"
             + ("" if budget.cost is None else f"; changes and savings together, it {cost_words(budget.cost)}")
-            + ". Saves: of the part's cost, in that unit (as shipped, 1 is its loosest grade)."
+            + ". Saves: of the part's cost, in that unit (as shipped, 1 is its loosest grade). None "
+            "alone lets the f-number be matched no more (`roslf evaluate`)."
         )
         yield Table.of(budget.looser, shown, "Tolerances to relax", caption)
 
