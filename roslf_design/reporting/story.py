@@ -31,16 +31,18 @@ from ..evaluation import default_fields
 from ..evaluation.required import load_beside
 from ..progress import CountedProgress, shares, silent
 from ..theory.depth_budget import BUILT, CALIBRATED, COVERAGE, depth_budget
+from ..theory.depth_of_field import depth_of_field
+from ..theory.field_of_view import focus_ahead
 from ..theory.focused import has_views
 from ..theory.length_covariance import LengthCovariance
 from ..theory.limits import as_design
-from ..tolerancing.places import CALIBRATION
+from ..tolerancing.places import CALIBRATION, FOCUSING
 from ..tolerancing.result import StudyResult, analyse
 from ..tolerancing.run import run_trials
 from ..tolerancing.study import TolerancePlan, tolerance_plan
 from ..tolerancing.summaries import summarise
 from ..tolerancing.tally import Tally
-from ..tolerancing.trials import lengths_built
+from ..tolerancing.trials import first_builds, lengths_built
 from ..toml_files import StrictTable, read_toml, validated
 from . import optimise
 from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Statements
@@ -179,11 +181,13 @@ FILL, KEPT, CENTRE, DEPTH = 0.1, 0.01, 1.0, 0.1
 """Limits: change of the image fill, light lost, image centres off [px], growth of the depth noise."""
 QUESTION = (
     f"No tolerance study is at hand, so these limits are the report's own: {{}} Monte Carlo units (builds) to grade "
-    f"'{GRADE}' (engineering judgement, as the table of grades says), the decoder calibrated on each. A build is "
+    f"'{GRADE}' (engineering judgement, as the table of grades says), the decoder calibrated on each{{}}. A build is "
     f"good where its image fill stays within {100 * FILL:g} % of the nominal, its depth noise grows by "
     f"{100 * DEPTH:g} % at most, no field loses more than {100 * KEPT:g} % of the light that it nominally gets, and "
     f"the decoder finds image centres to {CENTRE:g} px. Your own tolerances and limits make a study: roslf tolerance."
 )
+OUT_OF_FOCUS, FOCUS_TRIALS = 0.05, 256
+"""Share of builds from which on default tolerances are of builds that are focused, and builds that tell it."""
 
 
 def _run_tolerances(
@@ -240,7 +244,7 @@ def quick_study(design: Design, seed: int = 0) -> dict[str, Any]:
     trials = TRACED if design.main_lens.kind.mounted else TRIALS
     data: dict[str, Any] = {
         "name": f"default tolerances, {GRADE} grade",
-        "question": QUESTION.format(trials),
+        "question": QUESTION.format(trials, ""),
         "trials": trials,
         "grade": GRADE,
         "seed": seed,
@@ -266,7 +270,20 @@ def quick_study(design: Design, seed: int = 0) -> dict[str, Any]:
         }
         at = {} if column.field is None else {"fields": [column.field]}
         goals.append({"quantity": column.metric, **limits[column.metric], **at})
-    return data | {"goals": goals, "report": []}
+    focused = dict[str, Any]()
+    if (lost := _out_of_focus(plan)) > OUT_OF_FOCUS:
+        said = f", and each focused at assembly, as {100 * lost:.3g} % of them would be out of focus"
+        lines = [*data["compensators"], {"place": FOCUSING, "aim": "focus"}]
+        focused = {"compensators": lines, "question": QUESTION.format(trials, said)}
+    return data | {"goals": goals, "report": []} | focused
+
+
+def _out_of_focus(plan: TolerancePlan) -> float:
+    """Share of a plan's first builds that are focused where a view of the design is no longer sharp, or nowhere."""
+    builds, cameras = first_builds(plan, FOCUS_TRIALS)
+    near, far = depth_of_field(Camera.of(plan.question.design.thin_twin), "view")
+    focus = focus_ahead(builds.camera)
+    return 1 - float((cameras & (focus >= near) & (focus <= far)).mean())
 
 
 # --- reports ----------------------------------------------------------------------------------------------------------
