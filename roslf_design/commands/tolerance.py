@@ -7,13 +7,14 @@ import json as json_module
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from ..errors import Argument, refusal, with_options
+from ..progress import CountedProgress
 from ..reporting.blocks import Block, Paragraph, Statements
 from ..reporting.printers import page_files
 from ..reporting.tolerance.pages import (
@@ -29,13 +30,23 @@ from ..reporting.tolerance.pages import (
     tolerance_report,
 )
 from ..tables import plain_text
-from ..tolerancing.result import analyse, builds_of_analyses, precision, save_worst, trial_arrays, trials_for
+from ..tolerancing.result import (
+    FIRST,
+    as_one,
+    builds_of_analyses,
+    first_analyses,
+    further_analyses,
+    precision,
+    save_worst,
+    trial_arrays,
+    trials_for,
+)
 from ..tolerancing.run import ChunkLostError, WorkerSettings, run_trials
 from ..tolerancing.study import RunOptions
 from ..tolerancing.tally import npz_bytes
 from ..tolerancing.trials import measure_uniforms
 from ..tolerancing.yields import MOST_SCALE
-from ..words import sentence
+from ..words import about_time, sentence
 from .results import picture_files, print_blocks
 from .terminal import (
     LOGGED,
@@ -63,6 +74,8 @@ PILOT = 64
 """Builds that tell how long one takes."""
 STARTED = 10.0
 """Seconds that trials take from which they tell how long analyses will: the first ones compile and load."""
+MINUTES = 180.0
+"""Seconds from which on it is said what leaves the rest out."""
 OPTIONS = RunOptions()
 
 
@@ -121,11 +134,20 @@ def tolerance(
             say(f"roslf: {with_options(str(error))}", error=True)
             raise SystemExit(1) from None
     took = time.perf_counter() - started
-    waits = took * sum(builds_of_analyses(plan, description, grades)) / plan.trials if took > STARTED else 0.0
-    if sys.stderr.isatty() or waits > LOGGED:
+    costs = builds_of_analyses(plan, description, grades)
+    waits = took * sum(costs) / plan.trials if took > STARTED else 0.0
+    if told := sys.stderr.isatty() or waits > LOGGED:
         say(f"roslf: {measured_words(plan, tally)}", error=True)
+    began = time.perf_counter()
     with status_and_bars("tolerance") as tell:
-        result = analyse(plan, description, grades, tally, save_worst(plan, tally, output), progress=tell)
+        heard = as_one(tell, "analyses: yield over tolerance", costs[:FIRST])
+        result = first_analyses(plan, description, tally, save_worst(plan, tally, output), progress=heard)
+    if told and description.only is None:
+        write_files(output, {"summary.txt": summary(result).encode()})
+        first = sum(costs[:FIRST])
+        _say_first(result, output, (time.perf_counter() - began) * (sum(costs) - first) / max(first, 1))
+    with status_and_bars("tolerance") as tell:
+        result = further_analyses(result, grades, progress=_named(tell))
         seconds = time.perf_counter() - started
         result = replace(result, precision=precision(plan, tally, result.final, accuracy, seconds))
         command = typed("tolerance", study, trials=plan.trials, seed=plan.draws.seed, only=options.only, output=output)
@@ -144,6 +166,24 @@ def tolerance(
     from rich.console import Console
 
     _print_result(result, Console(), times=True)
+
+
+def _named(tell: Callable[..., None]) -> CountedProgress:
+    """Progress of analyses, each by its name."""
+    return lambda what, done=0.0, total=0.0: tell(f"analyses: {what}", done, total)
+
+
+def _say_first(result: StudyResult, output: Path, seconds: float) -> None:
+    """Yield and table before all that is searched behind them, and how long that takes, about, where it is minutes."""
+    from rich.console import Console
+
+    page = Console(stderr=True)
+    limits = tables(result, brief=True)[0]
+    print_blocks((Paragraph(f"{headline(result)}."), limits), page)
+    say(f"roslf: this is in {output / 'summary.txt'}; Sobol indices, single tolerances, changes follow", error=True)
+    if seconds > MINUTES:
+        remedy = 'only = "yield" in the study, or --only yield, leaves them out; with --resume they follow later'
+        say(f"roslf: they take about {about_time(seconds)} or more: {remedy}", error=True)
 
 
 def _print_result(result: StudyResult, console: Console, times: bool = False) -> None:

@@ -23,7 +23,7 @@ from ..design.files import WRITTEN
 from ..errors import InputError
 from ..evaluation.required import Requirement, missed_words, required_of
 from ..json_data import plain
-from ..progress import CountedProgress, part_of, silent
+from ..progress import CountedProgress, shares, silent
 from ..tables import BriefValue
 from ..theory.depth_budget import DepthBudget, depth_budget
 from ..theory.focused import is_focused
@@ -33,7 +33,7 @@ from ..theory.quantities import EXPANDED, QUANTITIES, bound_note
 from ..theory.tube import WIDTHS, unsaid_bore
 from ..units import COLDEST, HOTTEST
 from ..words import clauses, listed, number, uncertainty
-from .budgets import ToleranceBudget, budget, searched_builds
+from .budgets import SEVERAL, ToleranceBudget, budget, searched_builds
 from .draws import Perturbation
 from .metrics import SHAPES, Column, mount_of, of_cameras
 from .places import CALIBRATION, Grades, display, in_lens, of_parts, perturbable
@@ -456,8 +456,13 @@ def sobol_samples(plan: TolerancePlan, study: Study) -> int:
     return min(study.sobol_samples, 1 << int(math.log2(max(MOST_DEAR / (len(plan.draws.factors) + 2), 1))))
 
 
-BUDGET = 6
-"""Place of the tolerance budget among the steps of `builds_of_analyses`."""
+STEPS = (
+    "", "scatter of each tolerance", "yield over tolerance", "tolerances for the target", "Sobol indices",
+    "each tolerance alone", "changes, tolerances to relax", "other grades",
+)  # fmt: skip
+"""Names of the steps of `builds_of_analyses`."""
+FIRST = 4
+"""Number of those that `first_analyses` takes."""
 
 
 def builds_of_analyses(plan: TolerancePlan, study: Study, grades: Grades, budgets: bool = True) -> tuple[int, ...]:
@@ -470,7 +475,7 @@ def builds_of_analyses(plan: TolerancePlan, study: Study, grades: Grades, budget
     # Where builds are adjusted few of them take as long as many: of each step the few that its next ones may ask for.
     steps = (INVERTED_ADJUSTED if plan.adjusters else INVERTED) * count
     sobol, inverse = sobol_samples(plan, study) * (count + 2), steps * holds * (1 + summed)
-    searched = 40 * searched_builds(plan) * (holds and budgets)
+    searched = (40 + count) * searched_builds(plan) * (holds and budgets)
     return 0, 4 * count, 6 * at_once, 8 * at_once, sobol, inverse, searched, graded
 
 
@@ -488,43 +493,42 @@ def analyse(
 
     `progress` is told after each how much is done, by the builds that it takes, about; of the budget also within.
     """
-    count, at_once = len(plan.draws.perturbations), curve_trials(plan)
-    misses, samples = plan.nominal_misses(), sobol_samples(plan, study)
-    searched = not misses and study.only is None
-    costs, budgets = builds_of_analyses(plan, study, grades, budgets), budgets and searched
+    told = as_one(progress, "analyses", builds_of_analyses(plan, study, grades, budgets))
+    first = first_analyses(plan, study, tally, worst, progress=told)
+    return further_analyses(first, grades, budgets=budgets, progress=told)
+
+
+def as_one(progress: CountedProgress, what: str, costs: Sequence[int]) -> CountedProgress:
+    """Progress of the first of `STEPS`, told as one thing's by the builds that each takes."""
     ends = (np.cumsum(costs) / sum(costs)).tolist()
-    shares = iter(ends)
 
-    def done(part: float) -> None:
-        progress("analyses", part, 1.0)
+    def told(step: str, share: float = 0.0, _: float = 1.0) -> None:
+        at = STEPS.index(step)
+        progress(what, ends[at - 1] + share * (ends[at] - ends[at - 1]), 1.0)
 
-    def tell() -> None:
-        done(next(shares))
+    return told
 
-    tell()
+
+def first_analyses(
+    plan: TolerancePlan,
+    study: Study,
+    tally: Tally,
+    worst: tuple[WorstTrial, ...] = (),
+    *,
+    progress: CountedProgress = silent,
+) -> StudyResult:
+    """Yield, table and scatter of a study whose trials have run: what `only = "yield"` leaves of `analyse`."""
+    count, misses = len(plan.draws.perturbations), plan.nominal_misses()
+    progress(STEPS[1], 0.0, 1.0)
     variants, moves = summarise(plan, tally), sensitivity(plan)
     tracing = notes(plan.question.design, plan.question.fields)
     rss = tuple(rss_rows(plan, moves, variants[0]))
-    share = 1 / math.sqrt(count) if study.share == "rss" else 1 / count
-    given = variants[-1].result
-    builds = ScaledBuilds(plan, plan.draws, at_once)
-    tell()
-    curve = yield_curve(builds, given)
-    tell()
+    builds = ScaledBuilds(plan, plan.draws, curve_trials(plan))
+    progress(STEPS[2], 0.0, 1.0)
+    curve = yield_curve(builds, variants[-1].result)
+    progress(STEPS[3], 0.0, 1.0)
     scaled = scale_for_yield(plan, study.yield_target, curve, builds)
-    tell()
-    sobol = sobol_indices(plan, samples) if samples else None
-    tell()
-    kinds = perturbable(plan.question.design)
-    alone = zip(inverse_sensitivity(plan, share) if searched else (), plan.draws.perturbations, strict=False)
-    allowed = tuple(_within_reach(one, p, kinds[p.place]) for one, p in alone)
-    tell()
-    saved = (
-        budget(plan, study, grades, given, scaled, part_of(done, *ends[BUDGET - 1 : BUDGET + 1])) if budgets else None
-    )
-    tell()
-    yields = _grades(plan, study, grades, given)
-    tell()
+    progress(STEPS[3], 1.0, 1.0)
     lost, room = variants[-1].impossible, (1 - TOGETHER) * plan.trials
     # What stands in the bore collides wherever the array is.
     collide = max((count for words, count in variants[-1].faults if words.endswith(COLLIDE)), default=0)
@@ -534,12 +538,12 @@ def analyse(
         variants=variants,
         sensitivity=moves,
         rss=rss,
-        sobol=sobol,
-        allowed=allowed,
+        sobol=None,
+        allowed=(),
         yield_curve=curve,
         scale_for_target=scaled,
-        budget=saved,
-        grades=yields,
+        budget=None,
+        grades=(),
         correlations=correlations(tally),
         put_together=put_together(plan) if variants[-1].impossible else np.zeros(count),
         focusing=least_reach(plan) if lost > room >= collide else None,
@@ -549,6 +553,32 @@ def analyse(
         adjusters=tuple(map(AdjusterUse, plan.adjusters, tally.travel.tolist(), tally.at_end.tolist())),
         tracing=tracing,
     )
+
+
+def further_analyses(
+    first: StudyResult, grades: Grades, *, budgets: bool = True, progress: CountedProgress = silent
+) -> StudyResult:
+    """A study's first analyses with those behind its yield, which take most of the time; arguments as of `analyse`."""
+    plan, study, given = first.plan, first.study, first.final.result
+    count, samples = len(plan.draws.perturbations), sobol_samples(plan, study)
+    searched = not plan.nominal_misses() and study.only is None
+    sobol_step, alone_step, budget_step, grades_step = STEPS[4:]
+    sobol = sobol_indices(plan, samples, shares(progress, sobol_step)) if samples else None
+    progress(alone_step)
+    kinds, share = perturbable(plan.question.design), 1 / math.sqrt(count) if study.share == "rss" else 1 / count
+    alone = zip(inverse_sensitivity(plan, share) if searched else (), plan.draws.perturbations, strict=False)
+    allowed = tuple(_within_reach(one, p, kinds[p.place]) for one, p in alone)
+    reached = given.value >= study.yield_target
+
+    def tell(share: float) -> None:
+        progress(budget_step, share, 0.0 if reached or share >= SEVERAL else 1.0)  # relaxing ends nobody knows when
+
+    tell(0.0)
+    saved = budget(plan, study, grades, given, first.scale_for_target, tell) if budgets and searched else None
+    progress(grades_step)
+    yields = _grades(plan, study, grades, given)
+    progress(grades_step, 1.0, 1.0)
+    return replace(first, sobol=sobol, allowed=allowed, budget=saved, grades=yields)
 
 
 def _grades(plan: TolerancePlan, study: Study, grades: Grades, given: Yield) -> tuple[tuple[str, Yield], ...]:

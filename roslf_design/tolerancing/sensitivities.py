@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .._arrays import Array, by_value
 from ..camera import Camera
+from ..progress import UNHEARD, Share
 from ..theory.quantities import QUANTITIES
 from .draws import sobol_points
 from .metrics import mount_of
@@ -330,11 +331,11 @@ class SobolIndices:
     """Builds in which a column was undefined, shape (C,); its indices are then NaN rather than of the rest."""
 
 
-def sobol_indices(plan: TolerancePlan, samples: int) -> SobolIndices:
+def sobol_indices(plan: TolerancePlan, samples: int, tell: Share = UNHEARD) -> SobolIndices:
     """Sobol indices of every column, as finally adjusted: whose scatter its scatter comes from.
 
     Of what may be infinite those of its finite twin. Of n = `samples` base samples on a scrambled Sobol sequence,
-    n (F + 2) builds in all.
+    n (F + 2) builds in all. `tell` hears what share of them is measured.
     """
     factors = plan.draws.factors
     count = len(factors)
@@ -342,7 +343,10 @@ def sobol_indices(plan: TolerancePlan, samples: int) -> SobolIndices:
     mixed = (np.where(np.arange(count)[:, None] == index, b, a) for index in range(count))
     every = itertools.chain((a, b), mixed)
     groups = iter(lambda: list(itertools.islice(every, max(1, BLOCK // samples))), [])  # one at a time in memory
-    measured = [plan.judged(measure_finally(plan, plan.draws.deviations(np.hstack(group)))) for group in groups]
+    measured = list[Array]()
+    for group in groups:
+        tell(len(measured) * len(group) / (count + 2))
+        measured.append(plan.judged(measure_finally(plan, plan.draws.deviations(np.hstack(group)))))
     columns = np.moveaxis(np.hstack(measured).reshape(len(plan.columns), -1, samples), 1, 0)
     undefined = np.isnan(columns).sum(axis=(0, 2))
     indices = saltelli_jansen(columns[0], columns[1], columns[2:], plan.draws.seed)
