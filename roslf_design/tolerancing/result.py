@@ -498,13 +498,13 @@ def analyse(
     return further_analyses(first, grades, budgets=budgets, progress=told)
 
 
-def as_one(progress: CountedProgress, what: str, costs: Sequence[int]) -> CountedProgress:
+def as_one(progress: CountedProgress, whole: str, costs: Sequence[int]) -> CountedProgress:
     """Progress of the first of `STEPS`, told as one thing's by the builds that each takes."""
     ends = (np.cumsum(costs) / sum(costs)).tolist()
 
-    def told(step: str, share: float = 0.0, _: float = 1.0) -> None:
-        at = STEPS.index(step)
-        progress(what, ends[at - 1] + share * (ends[at] - ends[at - 1]), 1.0)
+    def told(what: str, done: float = 0.0, total: float = 0.0) -> None:
+        at = STEPS.index(what)
+        progress(whole, ends[at - 1] + done * (ends[at] - ends[at - 1]), 1.0)
 
     return told
 

@@ -749,7 +749,7 @@ def _answers(grounds: SpreadSources, lead: _SheetLine) -> Iterator[_SheetLine]:
             yield lead._replace(remark=f"{lead.remark}; {remark}")
             continue
         value = None if budget is None else float(budget.expanded_mm)
-        text = NONE if budget is None else "" if value < budget.ahead_mm else budget.expanded_words()
+        text = NONE if budget is None else "" if budget.expanded_mm < budget.ahead_mm else budget.expanded_words()
         name = f"U {IN_FOCUS}, {CONDITIONS.get(lengths, f'uncalibrated, {lengths}')}"
         others.append(_SheetLine(EXPECTED, name, value, "mm", remark, "", text))
     yield from others
