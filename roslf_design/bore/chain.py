@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from itertools import accumulate, pairwise, product
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -244,6 +245,32 @@ class Chain:
     """Names of the further stops."""
     fitted: tuple[str, ...] = ()
     """Places of the stops that are as wide as the tube leaves them."""
+
+    @property
+    def _names(self) -> dict[str, tuple[str, ...]]:
+        """Names of elements and stops, by the heads of their places."""
+        names = (element_name(part, k + 1) for k, part in sorted(self._outwards, key=itemgetter(0)))
+        return {"elements": tuple(names), "stops": self.stops}
+
+    def place_named(self, place: str) -> str:
+        """Place with a part's number for its name: "elements.objective.distance" is "elements.9.distance"."""
+        head, _, rest = place.partition(".")
+        if head not in ("elements", "stops") or rest[:1] == "*" or rest.partition(".")[0].isdigit():
+            return place
+        meant = [(name, k) for k, name in enumerate(self._names[head]) if f"{rest}.".startswith(f"{name}.")]
+        name, k = max(meant, key=lambda one: len(one[0]), default=("", 0))
+        return f"{head}.{k}{rest.removeprefix(name)}" if meant else place
+
+    def called(self, place: str) -> str:
+        """Place as a reader knows it, with a part's given name for its number."""
+        head, _, rest = place.partition(".")
+        number, dot, key = rest.partition(".")
+        known = self._names.get(head, ()) if number.isdigit() else ()
+        if not known or int(number) >= len(known):  # of a bore that stands in a study's file, say
+            return place
+        name = known[int(number)]
+        own = self.elements[int(number)].name if head == "elements" else name != f"stop {int(number) + 1}"
+        return f"{head}.{name}{dot}{key}" if own else place
 
     @property
     def in_air(self) -> bool:

@@ -223,9 +223,9 @@ def data_sheet(design: Design, board: Board, asked: SheetOptions) -> DataSheet:
     f, d, cell = (relative_sigma(text, scale) for text, scale in scales)
     kinds = {place: kind for place, kind in perturbable(design).items() if BEFORE_LENS.fullmatch(place)}
     nominal, sigmas = nominal_values(design), {}
-    for place, sigma in asked.sigma.items():
+    for place, sigma in ((design.place_named(name), sigma) for name, sigma in asked.sigma.items()):
         if place not in kinds:
-            known = nearest(place, kinds) if kinds else "this design has none"
+            known = nearest(place, [*map(design.chain.called, kinds)]) if kinds else "this design has none"
             raise CalibrationError(
                 f"sigma of {place}: is no number of what stands before the lens or about the array; {known}"
             )

@@ -129,7 +129,7 @@ class Camera(PosedParts):
 
     def replace(self, changes: Mapping[str, ArrayLike], *, in_focus: bool = False) -> Camera:
         """Camera with other numbers at some places; parameters and errors as for `of`."""
-        given = {PATHS.get(place, place): value for place, value in changes.items()}
+        given = {self.chain.place_named(PATHS.get(place, place)): value for place, value in changes.items()}
         if "q" in changes:  # a symbol of the paper: the pixel as the microlenses see it, in front of the relay
             relay = given.get("sensor.relay_magnification", self["sensor.relay_magnification"])
             given[PATHS["q"]] = np.multiply(changes["q"], relay)
@@ -140,7 +140,11 @@ class Camera(PosedParts):
         for place, value in given.items():
             if place not in numbers:
                 warm = place == TEMPERATURE  # of a design that says nothing of it
-                hint = "add [environment] with a housing" if warm else nearest(place, [*PATHS, *numbers])
+                hint = (
+                    "add [environment] with a housing"
+                    if warm
+                    else nearest(place, [*PATHS, *map(self.chain.called, numbers)])
+                )
                 raise DesignError((Problem(place, f"is not a number of this design; {hint}"),))
             numbers[place] = _number(value)
         if PATHS["wavelength"] in given:

@@ -266,6 +266,10 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
         imaged = self.aperture.behind is not None
         return Chain(self.elements, housing, before, behind, imaged, self.main_lens.sheet, bores, stops, fitted)
 
+    def place_named(self, name: str) -> str:
+        """Dotted place of a number, from that, a symbol of the paper, or a place with a part's name in it."""
+        return self.chain.place_named(PATHS.get(name, name))
+
     @property
     def bore_numbers(self) -> dict[str, float]:
         """Numbers of what light meets beside the main lens, at their places; indices at the design's wavelength."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
@@ -93,6 +94,9 @@ def about_names(design: Assembly) -> Iterator[Problem]:
     for part in design.placed:
         if (other := at.setdefault(part.name, part.place)) != part.place:
             yield Problem(f"{part.place}.name", f'"{part.name}" is the name of {other}, too; give each its own')
+        if re.match(r"(\d+|\*)(\.|$)", part.name):
+            words = f'"{part.name}" would be taken for a number in places; put a word first, as "lens {part.name}"'
+            yield Problem(f"{part.place}.name", words)
 
 
 def about_elements(design: Assembly, known: Sequence[Problem]) -> tuple[Problem, ...]:

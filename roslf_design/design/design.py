@@ -94,8 +94,9 @@ class Design(Assembly):
         Parameters
         ----------
         changes : mapping, optional
-            Dotted places, or the paper's symbols, to values, e.g. ``{"aperture.distance": 20.0, "D_F": 4.0}``. The
-            diameter of a rectangular FAP is the wider of its extents along x and y: both sides grow alike.
+            Dotted places, or the paper's symbols, to values, e.g. ``{"aperture.distance": 20.0, "D_F": 4.0}``; a part's
+            name may stand for its number (``"elements.relay.distance"``). The diameter of a rectangular FAP is the
+            wider of its extents along x and y: both sides grow alike.
         **symbols
             The same by the paper's symbols, e.g. ``d_3=20.0, D_F=4.0``.
 
@@ -110,7 +111,11 @@ class Design(Assembly):
         DesignError
             Unknown places, or values that do not make a design.
         """
-        places = dict(changes or {})
+        chain, places = self.chain, dict[str, Any]()
+        for name, value in (changes or {}).items():
+            if (place := chain.place_named(name)) in places:
+                raise DesignError((Problem(place, f"is given as {chain.called(place)}, too; give it once"),))
+            places[place] = value
         symbols = {name: places.pop(name) for name in [*places] if name in PATHS or SYMBOL.fullmatch(name)} | symbols
         wanted = _by_path(places, symbols)
         if "q" in symbols:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._arrays import Array
 from ..bore.conjugates import follower
 from ..camera import Camera
-from ..design import PATHS, Design
+from ..design import Design
 from ..distances import Distance, check_distances, one_distance
 from ..errors import expect, refusal
 from ..progress import CountedProgress, silent
@@ -58,7 +58,7 @@ class Sweep:
         for point in some.tolist():
             values = [float(axis[k]) for axis, k in zip(self.places.values(), point, strict=True)]
             named = dict(zip(self.places, values, strict=True))
-            changes = {PATHS.get(place, place): value for place, value in named.items() if place != AT}
+            changes = {place: value for place, value in named.items() if place != AT}
             at = " and ".join(f"{place} = {value:.6g}" for place, value in zip(self.places, values, strict=True))
             asked = [(QUANTITIES[name], named.get(AT, self.at)) for name in self.values]
             for problem in rays_tell(partial(design.replace, changes), asked)[1]:
@@ -172,7 +172,7 @@ def sweep(
             values[quantity.name] = np.stack([of_points(quantity, one) for one in distances])
     for done, k in enumerate(traced, len(known)):
         progress("sweep", done, len(known) + len(traced))
-        point = {PATHS.get(place, place): float(own.ravel()[k]) for place, own in zip(built, grid, strict=True)}
+        point = {place: float(own.ravel()[k]) for place, own in zip(built, grid, strict=True)}
         asked = [(quantity, one) for quantity in by_rays for one in distances]
         told, faults = rays_tell(partial(design.replace, point), asked)
         valid[k] = not faults
@@ -189,9 +189,9 @@ def sweep(
     values = {name: shaped(np.where(valid, each, np.nan)) for name, each in values.items()}
     units = {quantity.name: quantity.unit for quantity in known}
     units |= {place: unit_of(place) for place in axes}
-    follows = follower([PATHS.get(place, place) for place in built])
+    follows = follower([design.place_named(place) for place in built])
     here = Camera.of(design)
-    own = tuple(float(focus_ahead(here) if place == AT else here[PATHS.get(place, place)]) for place in axes)
+    own = tuple(float(focus_ahead(here) if place == AT else here[design.place_named(place)]) for place in axes)
     note = thin_lens_note([design], values, untraced="" if few else f"a sweep of up to {MOST_TRACED} points")
     drawn = shaped(np.broadcast_to(valid, (len(distances), points)))
     return Sweep(axes, values, units, drawn, follows, at, own, note)

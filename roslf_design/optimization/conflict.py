@@ -223,7 +223,7 @@ def _explained(problem: DesignProblem, points: Sequence[Array], budget: SearchBu
             for index, way in ways.items()
         ),
         bounds=tuple(
-            f"{name} {variable.end(place > 0.5)}"
+            f"{problem.called(name)} {variable.end(place > 0.5)}"
             for (name, variable), place in zip(problem.variables.items(), unit, strict=True)
             if variable.max > variable.min and not 1e-6 <= place <= 1 - 1e-6
         ),

@@ -129,6 +129,10 @@ class DesignProblem:
         """The main lens, as searches have it."""
         return lens_search(self.design)
 
+    def called(self, name: str) -> str:
+        """A variable's name, or a place, as a reader knows it: of a part that has a name, with that."""
+        return self.design.chain.called(name)
+
     @property
     def _fields(self) -> tuple[ArrayPlace, ...]:
         """Fields that goals and limits name."""

@@ -745,7 +745,7 @@ def _conditions(problem: DesignProblem, unit: Array) -> tuple[tuple[Active, ...]
         if variable.max > variable.min and ends[i]:
             upper = unit[i] > 0.5
             columns.append((1.0 if upper else -1.0) * np.eye(problem.n)[i])
-            limits.append((f"{name} {variable.end(upper)}", "mm", variable.rate(float(unit[i])), True))
+            limits.append((f"{problem.called(name)} {variable.end(upper)}", "mm", variable.rate(float(unit[i])), True))
     length = float(np.linalg.norm(jacobian[0]))
     if not columns:
         ahead = np.clip(unit - BESIDE * jacobian[0] / max(length, 1e-12), 0.0, 1.0)

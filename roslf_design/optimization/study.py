@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, StrictBool, ValidationError, field_validator
+from pydantic import Field, StrictBool, ValidationError, ValidationInfo, field_validator
 
 from .._arrays import by_value, ratio
 from ..bore.conjugates import CONJUGATES
@@ -90,10 +90,14 @@ class StudyTable(StrictTable):
 
     @field_validator("variables", mode="before")
     @classmethod
-    def _some(cls, value: Any) -> Any:
+    def _some(cls, value: Any, info: ValidationInfo) -> Any:
         if not isinstance(value, Mapping) or not value:
             raise ValueError('nothing may vary; add a table [variables] with e.g. d_3 = ["0.5 mm", "8 mm"]')
-        return {name: _number_bounds(name, own) if name in NUMBERS else own for name, own in value.items()}
+        design: Design | None = (info.context or {}).get("design")
+        placed = {name: name if design is None else design.chain.place_named(name) for name in value}
+        if twice := [name for name in placed if name != placed[name] and placed[name] in placed]:
+            raise ValueError(f"{twice[0]} is {placed[twice[0]]}, which varies too; name it once")
+        return {placed[name]: _number_bounds(name, own) if name in NUMBERS else own for name, own in value.items()}
 
     @field_validator("goals", mode="before")
     @classmethod
@@ -210,8 +214,8 @@ class StudyTable(StrictTable):
                 yield Problem(
                     key,
                     f"{limit} is missed before any search: {stands} gives {limit.with_unit(float(values[0]))}, and "
-                    f"nothing that varies ({', '.join(self.variables)}) changes it; let vary what does, change the "
-                    "design or the limit",
+                    f"nothing that varies ({', '.join(map(problem.called, self.variables))}) changes it; let vary what "
+                    "does, change the design or the limit",
                 )
 
     def _faults_behind(self, design: Design, lens: Prescription) -> Iterator[Problem]:
@@ -261,7 +265,8 @@ class StudyTable(StrictTable):
 def _name_faults(names: Iterable[str], design: Design) -> Iterator[Problem]:
     """Faults of variables' names."""
     own = [place for lens in design.main_lens.kind.mounted for place in places_that_vary(lens)]
-    words = name_faults(tuple(names), Camera.of(design).numbers, own)
+    chain = design.chain
+    words = name_faults(tuple(map(chain.place_named, names)), Camera.of(design).numbers, own, chain.called)
     return (Problem("variables", fault) for fault in words)
 
 
@@ -350,7 +355,7 @@ class Result(BriefValue):
 
     def __str__(self) -> str:
         answer = self.answer
-        numbers = {name: number(value) for name, value in answer.variables().items()}
+        numbers = {answer.problem.called(name): number(value) for name, value in answer.variables().items()}
         numbers |= {goal.quantity.name: number(answer.number(goal)) for goal in answer.asked.goals}
         values = ", ".join(f"{name} {value}" for name, value in numbers.items())
         none = "stopped before a design held every limit" if answer.conflict is None else "no design holds every limit"

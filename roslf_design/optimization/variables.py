@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -123,10 +123,15 @@ IDLE = (".tilt.", ".wedge.", ".rotation", "microlens_array.decentre", "sensor.de
 """In places that no quantity of a straight camera depends on."""
 
 
-def name_faults(names: Sequence[str], numbers: Mapping[str, Number], own: Sequence[str] = ()) -> Iterator[str]:
+def name_faults(
+    names: Sequence[str],
+    numbers: Mapping[str, Number],
+    own: Sequence[str] = (),
+    called: Callable[[str], str] = str,
+) -> Iterator[str]:
     """Faults of variables' names: unknown, or setting a place twice.
 
-    In a design with these numbers, and a real lens with places of its `own`.
+    In a design with these numbers, its places `called` so, and a real lens with places of its `own`.
     """
     idle = (*IDLE, ".turn", "decentre", "relay", ".index", ".gradient", "tube.", "environment.")
     built = [place for place in numbers if "." in place and place not in VIEWING_CONDITIONS]
@@ -134,11 +139,12 @@ def name_faults(names: Sequence[str], numbers: Mapping[str, Number], own: Sequen
     known = dict.fromkeys([*PATHS, *lengths, *DERIVED, *own])
     for name in names:
         if name not in known:
-            yield f"'{name}' is nothing that can vary; {nearest(name, known)}"
+            yield f"'{called(name)}' is nothing that can vary; {nearest(name, [*map(called, known)])}"
         elif name == "tube_length" and "stops.0.distance" not in numbers:
             yield "'tube_length' needs a design with a further stop, the tube's outer rim; add [[stops]] to it"
     places = [PATHS.get(name, name) for name in names]
-    yield from (f"'{place}' varies twice; name it once" for place in dict.fromkeys(places) if places.count(place) > 1)
+    twice = (called(place) for place in dict.fromkeys(places) if places.count(place) > 1)
+    yield from (f"'{place}' varies twice; name it once" for place in twice)
     focal, plane, distance = (place in places for place in CONJUGATES)
     ahead, tube = "working_distance" in places, "tube_diameter" in places
     rim = any(p == "aperture.diameter" or (p.startswith("stops.") and "diameter" in p) for p in places)

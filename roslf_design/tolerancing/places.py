@@ -146,16 +146,17 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
     design : Design
         Whose places.
     name : str
-        A dotted place, a paper's symbol ("d_3"), a pair without its index ("aperture.decentre": x and y), or a pattern
-        ("stops.*.diameter": every further stop, of a rectangle its sides; "elements.*.thickness",
-        "main_lens.surfaces.*.radius": every element or surface that has one).
+        A dotted place (with a part's name or number, "elements.relay.distance"), a paper's symbol ("d_3"), a pair
+        without its index ("aperture.decentre": x and y), or a pattern ("stops.*.diameter": every further stop, of a
+        rectangle its sides; "elements.*.thickness", "main_lens.surfaces.*.radius": every element or surface that has
+        one).
 
     Raises
     ------
     ValueError
         Nothing is called that; the message names the nearest.
     """
-    name = PATHS.get(name, SHORT.get(name, name))
+    name = design.place_named(SHORT.get(name, name))
     if name == BEHIND and design.aperture.behind is not None:  # it counts in the other direction, and misses alike
         name = PATHS["d_3"]
     known = [place for place in perturbable(design) if not place.startswith(LEFT)]
@@ -178,7 +179,8 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
         raise ValueError(f"'{name}' is of a real lens and this design's is ideal; perturb main_lens.focal_length")
     if name == TEMPERATURE:
         raise ValueError("the design says nothing of what grows; add [environment] to it, with temperature and housing")
-    names = [*known, *(place[:-2] for place in known if place.endswith(".0")), *PATHS, *SHORT]
+    places = [*known, *(place[:-2] for place in known if place.endswith(".0"))]
+    names = [*map(design.chain.called, places), *PATHS, *SHORT]
     near = difflib.get_close_matches(name, names, 1, 0.4)
     remedy = f"known are {', '.join(PATHS)} and dotted places such as aperture.tilt"
     remedy = f"did you mean '{near[0]}'?" if near else remedy

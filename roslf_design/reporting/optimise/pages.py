@@ -253,7 +253,7 @@ def _about_optimum(result: Result) -> Iterator[Statement]:
     if accuracy is not None and accuracy.asked is not None:
         yield Statement("plain" if accuracy.kept else "caution", sentence(accuracy.sentence()))
     loose = ", ".join(
-        f"{name} {low:.4g} to {high:.4g} {answer.problem.variables[name].measured_in}".rstrip()
+        f"{answer.problem.called(name)} {low:.4g} to {high:.4g} {answer.problem.variables[name].measured_in}".rstrip()
         for name, (low, high) in answer.loose().items()
     )
     if loose:
@@ -433,7 +433,7 @@ def _change(result: Result) -> Iterator[Figure]:
             reached = goal.with_unit(answer.number(goal), 4)
             moved.append(f"{in_words(goal.label)} {goal.with_unit(old, 4)} → {reached}")
     lengths = {name: (number(was[name], 4), number(values[name], 4)) for name in values if name in was}
-    moved += [f"{name} {old} → {new} mm" for name, (old, new) in lengths.items() if old != new]
+    moved += [f"{answer.problem.called(name)} {old} → {new} mm" for name, (old, new) in lengths.items() if old != new]
     caption = f"The camera before and after, {scale_words(across / up)}, and {ray_words(after)}. "
     caption += f"What changed: {'; '.join(moved)}."
     of_camera = {one: float(np.ravel(one.values(camera))[0]) for one in answer.asked.constraints if one.field is None}
@@ -460,7 +460,7 @@ def _tables(result: Result) -> Iterator[Table]:
         moved = problem.named(robust.unit) | problem.held(robust.unit) | problem.following(robust.unit)
 
     def called(name: str) -> str:
-        return f"{name}, {others[name]}" if name in others else name
+        return ", ".join([problem.called(name), *([others[name]] if name in others else [])])
 
     before, (filed, caption) = answer.problem.before(values), _as_filed(result)
     columns: tuple[Column, ...] = (
@@ -595,7 +595,12 @@ def _parts(ranking: Ranking) -> Table:
         )
     kinds = _kinds(ranking)
     goals = [goal.label + _unit(goal) for goal in problem.goals]
-    heads = ("", *kinds, *goals, *(name if name in NUMBERS else f"{name} [mm]" for name in problem.variables))
+    heads = (
+        "",
+        *kinds,
+        *goals,
+        *(name if name in NUMBERS else f"{problem.called(name)} [mm]" for name in problem.variables),
+    )
     align = "r" + "l" * len(kinds) + "d" * (len(goals) + problem.n)
     return Table(tuple(rows), align, heads, "Parts")
 
