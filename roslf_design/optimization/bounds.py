@@ -29,7 +29,7 @@ from ..words import number as number_words
 from .combinations import Combinations
 from .goals import Constraint, Goal
 from .problem import ROOM, SIDES, DesignProblem
-from .variables import DERIVED
+from .variables import DERIVED, places_of, tied
 
 Flags = NDArray[np.bool_]
 Nearby = Literal["smooth", "zero", "pole", "jump"]
@@ -102,8 +102,13 @@ class Boxes:
 
 def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     """Whether a quantity's extremes over boxes of these variables lie at corners."""
-    quantity, names = part.quantity, {PATHS.get(name, name) for name in problem.variables}
-    if part.field is not None or part.temperature is not None or problem.is_by_rays(quantity):
+    quantity, names = part.quantity, places_of(problem.variables)
+    if (
+        tied(problem.variables)
+        or part.field is not None
+        or part.temperature is not None
+        or problem.is_by_rays(quantity)
+    ):
         return False
     decentred = any(value for place, value in problem.base.numbers.items() if ".decentre." in place)
     if quantity.name in WIDTHS:  # widths of parts, of a cut array the least

@@ -37,7 +37,7 @@ from .main_lens import TRACED_FTOL, IdealLensSearch, lens_search
 from .search import BIG
 from .traces import Field as ArrayPlace
 from .traces import FieldTraces
-from .variables import Variable, as_places
+from .variables import Variable, as_places, places_of
 
 ROOM = 1e-6
 """Relative distance kept from cameras that are none: d_f = f, the focal plane inside the bore, images of no pitch."""
@@ -164,8 +164,14 @@ class DesignProblem:
         return quantity.numeric and quantity.monotone_with not in self.base.numbers
 
     def _values(self, units: Array) -> dict[str, Array]:
-        """Variables by their places."""
-        return {PATHS.get(s, s): v.value(units[..., i]) for i, (s, v) in enumerate(self.variables.items())}
+        """Variables by their places; those that move with others from where the base design has them."""
+        values = dict[str, Array]()
+        for k, (name, variable) in enumerate(self.variables.items()):
+            value = variable.value(units[..., k])
+            for place in variable.places(name):
+                there = values.get(place, self.base.numbers.get(place))
+                values[place] = there + variable.together[place] * value if variable.together else value
+        return values
 
     def varied_lens(self, units: Array) -> VariedLens | None:
         """The real lens at scaled variables; None behind an ideal one."""
@@ -190,8 +196,12 @@ class DesignProblem:
         """Values [mm] that the base design has of these names, where they are its lengths."""
         camera = Camera.of(self.design)
         numbers = {**camera.numbers, "working_distance": float(focus_ahead(camera))}
+        ties = {name: variable for name, variable in self.variables.items() if variable.tied}
         places = {name: PATHS.get(name, name) for name in names}
-        return {name: float(numbers[place]) for name, place in places.items() if place in numbers}
+        before = {name: float(numbers[place]) for name, place in places.items() if place in numbers}
+        before |= {name: 0.0 for name in names if name in ties and ties[name].together}
+        alike = {name: {float(numbers[place]) for place in tie.same} for name, tie in ties.items()}
+        return before | {name: alike[name].pop() for name in names if len(alike.get(name, ())) == 1}
 
     @property
     def drawn(self) -> list[Array]:
@@ -233,7 +243,7 @@ class DesignProblem:
     @cached_property
     def _held(self) -> tuple[str, ...]:
         """Places of that."""
-        own = {PATHS.get(name, name) for name in self.variables}
+        own = places_of(self.variables)
         if FOCAL not in self._set_places or "working_distance" in own:
             return ()
         return tuple(key for key in CONJUGATES[1:] if key not in own and key != follower(self._set_places))

@@ -26,6 +26,7 @@ from .conflict import Conflict, Violation
 from .goals import Constraint
 from .lens_variables import varies_lens
 from .problem import DesignProblem
+from .variables import places_of, tied
 
 MOST_VARIED = 12
 """Variables of which all corners are looked at."""
@@ -75,11 +76,11 @@ def unreachable(
         Whether all that the design requires is held.
     """
     base, mounted = problem.base, bool(problem.design.main_lens.kind.mounted)
-    moved = {PATHS.get(name, name) for name in problem.variables}
+    moved = places_of(problem.variables)
     glass = any(name.startswith("elements.") or (mounted and varies_lens(name)) for name in moved)
     glass |= "windows" in chosen or (PATHS["wavelength"] in moved and bool(base.chain.elements))
     bent = base.chain.bends or base.chain.mapped or base.chain.folding or base.leaning or base.chain.stop_behind
-    if glass or bent or problem.n > MOST_VARIED:
+    if glass or bent or problem.n > MOST_VARIED or tied(problem.variables):
         return []
     if rims:
         problem = replace(problem, design=problem.design.replace({"stops": tuple(rims)}))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import time
@@ -11,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import permutations
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -51,11 +53,13 @@ from .reach import unreachable
 from .robust import Robust, RobustTable, maximise_robustness, scatter_of
 from .solve import Answer, Settings, SolverTable, Tell, optimum_accuracy, refused_by_bore, solve_by_rays
 from .traces import Asked, Retrace, faults_behind
-from .variables import NUMBERS, NumberVariable, Variable, lengths_and_numbers, name_faults
+from .variables import NUMBERS, NumberVariable, Variable, lengths_and_numbers, name_faults, places_of
 
 SCHEMA = "roslf.optimization/1"
 DIVERGES = re.compile(r"elements\.\d+\.focal_length|main_lens\.surfaces\.\d+\.radius")
 """Places that are below 0 of what diverges."""
+TIES = {"together", "same"}
+"""Keys of variables that set several places."""
 FIXED_POINTS = 32
 """Points of the bounds, beside some of their corners, at which a value that nothing varies is told from others."""
 
@@ -126,9 +130,11 @@ class StudyTable(StrictTable):
         """Faults of a study against its design."""
         if self.required and not design.required:
             yield Problem("required", f"{design.name} has no [required] to be held; add it, or drop the key")
-        names = tuple(self.variables)
-        yield from _name_faults(names, design)
-        for name, variable in self.variables.items():
+        ties = {name: variable for name, variable in self.variables.items() if variable.tied}
+        yield from _name_faults(self.variables, design, ties)
+        places = places_of(self.variables)
+        yield from self._shift_faults(design)
+        for name, variable in self._bounded():
             if name in NUMBERS:
                 continue
             if variable.min == 0 and not name.endswith(("d_3", "distance")):
@@ -141,12 +147,13 @@ class StudyTable(StrictTable):
                     yield Problem(f"variables.{name}", message)
                 elif variable.max >= 0:
                     yield Problem(f"variables.{name}", f"bounds {ends} hold 0 between them; keep to one sign")
+        for name in (one for key, variable in self.variables.items() for one in variable.tied or (key,)):
             if self.bore and (name in ("D_F", "d_3") or name.startswith(("aperture.", "stops.", "tube_"))):
                 yield Problem("variables", f"'{name}' varies, but the bore gives it; drop one of them")
         yield from self._contradictions(design)
         asked = self._asked(design)
         views = [part.quantity.name for part in asked.values() if part.quantity.of_views]
-        yield from focus_faults(design, *views, changed=("f_ml",) if self.microlens_in_focus else self.variables)
+        yield from focus_faults(design, *views, changed=("f_ml",) if self.microlens_in_focus else places)
         half = [side / 2 for side in design.microlens_array.size]
         for key, part in asked.items():
             if part.temperature is not None and design.environment is None:
@@ -168,19 +175,41 @@ class StudyTable(StrictTable):
             ):
                 words = f"{of_lens[0]} are of a real main lens and this design's is ideal; leave the kind out"
                 yield Problem("catalogue.kinds", words)
-            varied = {PATHS.get(name, name) for name in names}
-            element = None
+            varied, element = places, None
             try:
                 element = self.catalogue.plate(design)
             except ValueError as error:
                 yield Problem("catalogue.element", str(error))
-            if not varied - given_by(self.catalogue.kinds, element):
+            given = given_by(self.catalogue.kinds, element)
+            for name, tie in ties.items():
+                if both := given.intersection(tie.tied):
+                    yield Problem("catalogue", f"its parts give '{min(both)}', which '{name}' ties; drop one of them")
+            if not varied - given:
                 words = "its parts give everything that varies; let something else vary, e.g. d_2"
                 yield Problem("catalogue", words)
             plane = CONJUGATES[1] in varied or "working_distance" in varied
             if "lenses" in self.catalogue.kinds and plane and CONJUGATES[2] in varied:
                 words = "with a lens from it, d_f and d_1 cannot both vary; drop one of them"
                 yield Problem("catalogue", words)
+
+    def _bounded(self) -> Iterator[tuple[str, Variable]]:
+        """Variables by name, those that keep places alike by each of these; without shifts."""
+        for name, variable in self.variables.items():
+            yield from ((place, variable) for place in (() if variable.together else variable.same or (name,)))
+
+    def _shift_faults(self, design: Design) -> Iterator[Problem]:
+        """Shifts that together would take a length to 0, or beyond."""
+        far = dict[str, float]()
+        numbers = Camera.of(design).numbers
+        for variable in self.variables.values():
+            for place, factor in variable.together.items():
+                sign = math.copysign(1.0, numbers.get(place, 1.0))
+                far[place] = far.get(place, 0.0) + min(sign * factor * end for end in (variable.min, variable.max))
+        for place, change in far.items():
+            size = abs(numbers.get(place, math.inf))
+            if size + change < 0 or (size + change == 0 and not place.endswith("distance")):
+                words = f"is {size:g} mm in size and would be {size + change:g} mm at the bounds; narrow them"
+                yield Problem("variables", f"shifts take '{design.chain.called(place)}' through 0: it {words}")
 
     def _contradictions(self, design: Design) -> Iterator[Problem]:
         """Limits on the same number of which none lies between."""
@@ -220,7 +249,7 @@ class StudyTable(StrictTable):
 
     def _faults_behind(self, design: Design, lens: Prescription) -> Iterator[Problem]:
         """Faults of a study with a real main lens."""
-        places = {PATHS.get(name, name) for name in self.variables}
+        places = places_of(self.variables)
         shaped = sorted(place for place in places if varies_lens(place))
         if PATHS["D"] in places:
             words = f"'D' is the real lens's own ({lens.name}); drop it, or take an ideal main lens to choose it"
@@ -262,11 +291,13 @@ class StudyTable(StrictTable):
         )
 
 
-def _name_faults(names: Iterable[str], design: Design) -> Iterator[Problem]:
-    """Faults of variables' names."""
+def _name_faults(
+    names: Iterable[str], design: Design, ties: Mapping[str, Variable] = MappingProxyType({})
+) -> Iterator[Problem]:
+    """Faults of variables' names, and of the places that some tie."""
     own = [place for lens in design.main_lens.kind.mounted for place in places_that_vary(lens)]
     chain = design.chain
-    words = name_faults(tuple(map(chain.place_named, names)), Camera.of(design).numbers, own, chain.called)
+    words = name_faults(tuple(map(chain.place_named, names)), Camera.of(design).numbers, own, chain.called, ties)
     return (Problem("variables", fault) for fault in words)
 
 
@@ -322,7 +353,8 @@ def read_study(
     except ValidationError as error:
         faults += problems_of(error, StudyTable)
         if design is not None and isinstance(varied := data.get("variables"), Mapping):
-            faults += _name_faults(varied, design)
+            single = (name for name, own in varied.items() if not (isinstance(own, Mapping) and TIES & own.keys()))
+            faults += _name_faults(single, design)
     if faults or table is None or design is None:
         raise InputError(tuple(dict.fromkeys(faults)), origin)
     if table.wavelength is not None:

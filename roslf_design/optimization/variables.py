@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, ClassVar
+from types import MappingProxyType
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
@@ -37,6 +38,11 @@ class Variable(StrictTable):
     max: AnyLength
     start: AnyLength | None = None
     """Start of one of the searches."""
+    together: Annotated[dict[str, float], Field(default_factory=dict)]
+    """Places that move as one, under a name of the study's own: a list, or a table of each to how many times as far;
+    bounds are then of the shift from the base design, and shifts of the same place add."""
+    same: tuple[str, ...] = ()
+    """Places that are kept alike, under a name of the study's own: bounds are of each."""
 
     measured_in: ClassVar[str] = "mm"
 
@@ -50,6 +56,41 @@ class Variable(StrictTable):
             raise ValueError(f"{value!r} is no pair of bounds; write e.g. {example}")
         return value
 
+    @field_validator("together", mode="before")
+    @classmethod
+    def _as_far(cls, value: Any) -> Any:
+        if isinstance(value, list) and all(isinstance(place, str) for place in value):
+            if twice := [place for place in value if value.count(place) > 1]:
+                raise ValueError(f"names {twice[0]} twice; name it once")
+            return dict.fromkeys(value, 1.0)
+        return value
+
+    @field_validator("together", "same")
+    @classmethod
+    def _placed(cls, value: Any, info: ValidationInfo) -> Any:
+        design = (info.context or {}).get("design")
+        placed = [place if design is None else design.place_named(place) for place in value]
+        if twice := [place for place in placed if placed.count(place) > 1]:
+            raise ValueError(f"names {twice[0]} twice; name it once")
+        return dict(zip(placed, value.values(), strict=True)) if isinstance(value, dict) else tuple(placed)
+
+    @model_validator(mode="after")
+    def _tied(self) -> Variable:
+        if self.together and self.same:
+            raise ValueError("places move together, or are the same; keep one, and give the other a name of its own")
+        if (empty := {"together", "same"} & self.model_fields_set) and not self.tied:
+            raise ValueError(f'{min(empty)} names no place; name some, as ["elements.0.distance"]')
+        return self
+
+    @property
+    def tied(self) -> tuple[str, ...]:
+        """Places that it ties; empty of one that is a place itself."""
+        return (*self.together, *self.same)
+
+    def places(self, name: str) -> tuple[str, ...]:
+        """Places that it sets under that name."""
+        return self.tied or (PATHS.get(name, name),)
+
     @model_validator(mode="after")
     def _ordered(self) -> Variable:
         if self.measured_in == "":
@@ -58,7 +99,7 @@ class Variable(StrictTable):
             shown = format_quantity(self.min, "length"), format_quantity(self.max, "length")
         if self.min > self.max:
             raise ValueError(f"min {shown[0]} is above max {shown[1]}: nothing lies between; did you swap them?")
-        if self.measured_in and self.max == 0:
+        if self.measured_in and self.max == 0 and not self.together:
             raise ValueError("max must be greater than zero")
         return self
 
@@ -119,6 +160,16 @@ def lengths_and_numbers(values: Mapping[str, Any]) -> dict[str, Any]:
     return {"variables_mm": lengths} | ({"shape_factor": values[BENDING]} if BENDING in values else {})
 
 
+def places_of(variables: Mapping[str, Variable]) -> set[str]:
+    """All places that variables set."""
+    return {place for name, variable in variables.items() for place in variable.places(name)}
+
+
+def tied(variables: Mapping[str, Variable]) -> bool:
+    """Whether some set several places at once."""
+    return any(variable.tied for variable in variables.values())
+
+
 IDLE = (".tilt.", ".wedge.", ".rotation", "microlens_array.decentre", "sensor.decentre")
 """In places that no quantity of a straight camera depends on."""
 
@@ -128,21 +179,34 @@ def name_faults(
     numbers: Mapping[str, Number],
     own: Sequence[str] = (),
     called: Callable[[str], str] = str,
+    ties: Mapping[str, Variable] = MappingProxyType({}),
 ) -> Iterator[str]:
     """Faults of variables' names: unknown, or setting a place twice.
 
-    In a design with these numbers, its places `called` so, and a real lens with places of its `own`.
+    In a design with these numbers, its places `called` so, and a real lens with places of its `own`; `ties` are the
+    variables that set several places.
     """
     idle = (*IDLE, ".turn", "decentre", "relay", ".index", ".gradient", "tube.", "environment.")
     built = [place for place in numbers if "." in place and place not in VIEWING_CONDITIONS]
     lengths = [place for place in built if not any(word in place for word in idle)]
     known = dict.fromkeys([*PATHS, *lengths, *DERIVED, *own])
+    for name, tie in ties.items():
+        if name in known:
+            yield f"'{called(name)}' is a place itself; call what is tied otherwise, as \"relay 1\""
+        for place in tie.tied:
+            if place not in lengths:
+                near = nearest(place, [*map(called, lengths)])
+                yield f"'{name}' ties '{place}', which is no length that can vary; {near}"
     for name in names:
+        if name in ties:
+            continue
         if name not in known:
             yield f"'{called(name)}' is nothing that can vary; {nearest(name, [*map(called, known)])}"
         elif name == "tube_length" and "stops.0.distance" not in numbers:
             yield "'tube_length' needs a design with a further stop, the tube's outer rim; add [[stops]] to it"
-    places = [PATHS.get(name, name) for name in names]
+    shifted = {place for tie in ties.values() for place in tie.together}  # which add
+    places = [PATHS.get(name, name) for name in names if name not in ties]
+    places += [*shifted, *(place for tie in ties.values() for place in tie.same)]
     twice = (called(place) for place in dict.fromkeys(places) if places.count(place) > 1)
     yield from (f"'{place}' varies twice; name it once" for place in twice)
     focal, plane, distance = (place in places for place in CONJUGATES)
