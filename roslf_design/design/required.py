@@ -38,8 +38,19 @@ def _no_flag(value: Any) -> Any:
 _End = Annotated[float | str | None, BeforeValidator(_no_flag)]
 
 
-def _off_middle(field: str | None) -> str | None:
-    return None if field == "middle" else field
+def _place(field: Any) -> Any:
+    """A name, or the share of the field's half diagonal that a number is, in text or not."""
+    if field in ("middle", None):
+        return None
+    if field in ("edge", "corner"):
+        return field
+    with contextlib.suppress(TypeError, ValueError):
+        if not isinstance(field, bool) and 0 < float(field) < 1:
+            return float(field)
+    raise ValueError(
+        f'"{field}" is no place in the field; write "middle", "edge", "corner" or a share of its half diagonal, as 0.5 '
+        'of its middle half; a distance from the axis is object_height = "5 mm"'
+    )
 
 
 def _ahead(angle: float) -> float:
@@ -53,9 +64,11 @@ class Required(Part):
 
     quantity: str
     at: Length | None = None
-    """Distance ahead of the bore's tip [mm]; the focal plane where left out."""
-    field: Annotated[Literal["middle", "edge", "corner"] | None, AfterValidator(_off_middle)] = None
-    """Where in what the sensor sees; the middle where left out, or all of it for what is of the whole camera."""
+    """Distance ahead of the bore's tip [mm]; the focal plane where left out. Of a range, as ["15 mm", "80 mm"], both
+    ends are required: one of them is the worst of depth and of detail."""
+    field: Annotated[Literal["middle", "edge", "corner"] | float | None, BeforeValidator(_place)] = None
+    """Where in what the sensor sees, or the share of its half diagonal (0.5: the middle half of the field, which is
+    judged at its rim); the middle where left out, or all of it for what is of the whole camera."""
     object_height: Length | None = None
     """In its place: distance from the axis on the object, at that distance ahead, towards the field's corner [mm]."""
     field_angle: Annotated[Angle, AfterValidator(_ahead)] | None = None
@@ -89,7 +102,7 @@ class Required(Part):
             return f"{format_quantity(self.object_height, 'length', 4)} from the axis"
         if self.field_angle is not None:
             return f"{math.degrees(self.field_angle):.4g} deg off the axis"
-        return self.field
+        return f"at the rim of the middle {self.field:g} of the field" if isinstance(self.field, float) else self.field
 
     @property
     def where(self) -> tuple[object, ...]:
@@ -112,6 +125,16 @@ def _one(data: Any, name: str, context: Any) -> Required:
         raise InputError(problems_of(error, Required)) from None
 
 
+def _ends(limits: Any) -> list[Any]:
+    """Limits at each end of a range of distances; themselves at one."""
+    at = limits.get("at") if isinstance(limits, Mapping) else None
+    if not isinstance(at, (list, tuple)):
+        return [limits]
+    if len(at) != 2:
+        raise InputError((Problem("at", f'of a range is its two ends, as ["15 mm", "80 mm"], got {list(at)!r}'),))
+    return [{**limits, "at": end} for end in at]
+
+
 def _named(value: Any) -> Iterator[tuple[str, Any]]:
     """Name and limits of each entry, in a file's table or as `Design.replace` hands them on."""
     if isinstance(value, Mapping):
@@ -128,7 +151,7 @@ def _read(value: Any, info: ValidationInfo) -> tuple[Required, ...]:
     entries, problems = list[Required](), list[Problem]()
     for name, data in _named(value):
         try:
-            entries.append(_one(data, name, info.context))
+            entries += [_one(one, name, info.context) for one in _ends(data)]
         except InputError as error:
             problems += [Problem(f"{name}.{fault.key}".rstrip("."), fault.message) for fault in error.problems]
     if problems:
@@ -141,7 +164,7 @@ def readable(value: Any) -> Iterator[Required]:
     with contextlib.suppress(InputError):
         for name, data in _named(value):
             with contextlib.suppress(InputError):
-                yield _one(data, name, {"from_file": True})
+                yield from [_one(one, name, {"from_file": True}) for one in _ends(data)]
 
 
 def _written(entries: tuple[Required, ...], info: SerializationInfo) -> dict[str, Any]:

@@ -209,7 +209,7 @@ class FieldImages:
 
     def off_axis(self, asked: Required) -> tuple[IdealImages | DesignImages, int] | None:
         """Images, and which of them sees the place off the axis that is asked for; None where the sensor sees none."""
-        if asked.field is not None:
+        if isinstance(asked.field, str):
             corner = 2 if self.outermost == RIM else self.farthest  # of a rim all are as far
             return self.images, corner if asked.field == "corner" else 1
         place = place_off_axis(self.design, asked)

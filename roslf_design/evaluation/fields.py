@@ -73,8 +73,13 @@ def default_fields(design: Design) -> tuple[Place, ...]:
     Edge and corner belong to the outermost microlenses whose own cells still lie on the sensor, on the side that is
     farther from the main lens's axis. Those of a round field lie on its rim, along x and towards that corner.
     """
-    camera = Camera.of(design)
-    middle, (x, y) = _middle_and_corner(camera)
+    centre, edge, corner = on_array(Camera.of(design), _outermost(design)).tolist()
+    return tuple(centre), tuple(edge), tuple(corner)
+
+
+def _outermost(design: Design) -> Array:
+    """Outermost microlenses from the main lens's axis [mm], (3, 2)."""
+    middle, (x, y) = _middle_and_corner(Camera.of(design))
     outer = np.array([middle, (x, middle[1]), (x, y)])
     radius = round_radius(design)
     if radius is not None:
@@ -82,8 +87,7 @@ def default_fields(design: Design) -> tuple[Place, ...]:
         outer = np.array(
             [(0.0, 0.0), (math.copysign(min(radius, abs(x)), x), 0.0), (x * radius / away, y * radius / away)]
         )
-    centre, edge, corner = on_array(camera, outer).tolist()
-    return tuple(centre), tuple(edge), tuple(corner)
+    return outer
 
 
 def _middle_and_corner(camera: Camera) -> tuple[Array, Array]:
@@ -95,6 +99,9 @@ def _middle_and_corner(camera: Camera) -> tuple[Array, Array]:
 
 def place_off_axis(design: Design, asked: Required) -> Place | None:
     """Microlens that sees what lies so far off the axis, towards the field's corner [mm]; None where none does."""
+    if isinstance(asked.field, float):
+        x, y = on_array(Camera.of(design), asked.field * _outermost(design)[2]).tolist()
+        return x, y
     if asked.field is not None:
         return dict(zip(FIELD_NAMES, default_fields(design), strict=True))[asked.field]
     angle, height = asked.field_angle, asked.object_height

@@ -179,7 +179,7 @@ def _asked_words(asked: Required) -> str:
     ends = [f"{word} {told[end]}" for end, word in (("min", "at least"), ("max", "at most")) if end in limits]
     where = [f"{limits['at']} ahead of the tip"] if asked.at is not None else []
     if asked.off_axis is not None:
-        place = asked.off_axis if asked.field is None else f"at the {asked.field}"
+        place = f"at the {asked.field}" if isinstance(asked.field, str) else asked.off_axis
         where.append(place if held_by_builds(asked) else f"{place}, not held by a search")
     return ", ".join([f"{in_words(asked.quantity)} {listed(ends)}", *where])
 

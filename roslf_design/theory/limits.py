@@ -16,7 +16,7 @@ from .depth_budget import COVERAGE
 from .quantities import EXPANDED, QUANTITIES, quantity_named
 from .quantity import Quantity
 
-PLACES = 'field = "corner", object_height = "5 mm" or field_angle = "30 deg"'
+PLACES = 'field = "corner" or 0.5, object_height = "5 mm" or field_angle = "30 deg"'
 """Ways to say where off the axis something is required."""
 AT_FIELD = {"sigma_z_at_field_mm": "sigma_z_mm", "u_z_at_field_mm": "u_z_mm"}
 """Quantities of single fields, and those that stand for them in what is required."""
@@ -29,8 +29,8 @@ Limits = tuple[Required, Quantity, float | None, float | None]
 
 def held_by_builds(asked: Required) -> bool:
     """Whether studies have a number for what is required: off the axis not for detail, nor for depth at a distance."""
-    at_focus = asked.at is None and asked.quantity in AT_FIELD.values()
-    return asked.off_axis is None or asked.quantity not in OFF_AXIS or at_focus
+    at_focus = asked.at is None and asked.quantity in (*AT_FIELD, *AT_FIELD.values())
+    return asked.off_axis is None or asked.quantity not in (*OFF_AXIS, *AT_FIELD) or at_focus
 
 
 def as_design(design: Design | str | os.PathLike[str], origin: str = "") -> Design:
@@ -96,6 +96,9 @@ def _read(required: Iterable[Required]) -> tuple[list[Limits], list[Problem]]:
             quantity = QUANTITIES["u_z_mm"]
             asked = asked.model_copy(update={"quantity": quantity.name})
             ends = {side: None if value is None else value / COVERAGE for side, value in ends.items()}
+        if quantity.name in AT_FIELD and asked.off_axis is not None:
+            quantity = QUANTITIES[AT_FIELD[quantity.name]]
+            asked = asked.model_copy(update={"quantity": quantity.name})
         if fault := _fault(asked, quantity, ends["min"], ends["max"]):
             problems.append(Problem(key, fault))
         read.append((asked, quantity, ends["min"], ends["max"]))
@@ -119,8 +122,6 @@ def _apart(read: Iterable[Limits]) -> Iterator[Problem]:
 def _fault(asked: Required, quantity: Quantity, low: float | None, high: float | None) -> str:
     """Fault of limits that can be read; empty where there is none."""
     off = asked.off_axis is not None
-    if quantity.name in AT_FIELD:
-        return f"'{quantity.name}' is of the focal plane alone; require {AT_FIELD[quantity.name]}, which takes {PLACES}"
     if quantity.of is None and not off:
         return f"'{quantity.name}' differs from field to field; say where by {PLACES}"
     if off and quantity.local is None and quantity.name not in OFF_AXIS:

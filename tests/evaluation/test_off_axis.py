@@ -290,7 +290,7 @@ def test_studies_hold_it_at_the_microlens_that_sees_it():
         ('detail_lp_per_mm = {min = 1, field = "edge", object_height = "1 mm"}', "field and object_height are two"),
         ('outer_diameter_mm = {max = 4, field_angle = "3 deg"}', "is of the whole camera; drop field_angle"),
         ("relative_illumination = {min = 0.3}", "differs from field to field; say where by field"),
-        ('u_z_at_field_mm = {max = 1, field = "corner"}', "require u_z_mm, which takes"),
+        ("u_z_at_field_mm = {max = 1}", "differs from field to field; say where by field"),
         ('kept_fraction = {min = 1, field = "corner", at = "5 mm"}', "the same at all distances; drop at"),
         ('kept_fraction = {min = 1, field_angle = "200 deg"}', "above 0 and below 180 deg"),
     ],
@@ -305,3 +305,56 @@ def test_default_fields_stay_where_no_round_field_is_required():
     (_, _), (x, _), (u, v) = default_fields(asked("round_field_of_view_deg = {min = 30}"))
     assert x == pytest.approx(math.hypot(u, v), rel=1e-12)
     assert math.hypot(*default_fields(plain)[2]) > x
+
+
+@pytest.mark.parametrize("share", [0.25, 0.5, 0.9])
+def test_a_share_of_the_field_is_judged_at_its_rim_as_far_towards_the_corner(share):
+    design = asked(
+        f'relative_illumination = {{field = {share}, min = 0.5}}\nsigma_z_mm = {{field = "{share}", max = 1}}'
+    )
+    light, depth = roslf.evaluate(design).required
+    corner = np.array(default_fields(design)[2])
+    assert light.x_ml_mm == depth.x_ml_mm == pytest.approx(tuple(share * corner))
+    assert light.value == pytest.approx(math.cos(math.atan(slope(design, share * corner))) ** 4, rel=1e-6)
+    assert light.verdict.text.startswith(f"as required: relative illumination at the rim of the middle {share} of")
+    near = Camera.of(design)
+    error = roslf.quantity("sigma_z_at_field_mm").at_fields(MicrolensImages(near, [share * corner]))
+    assert depth.value == pytest.approx(float(np.ravel(error)[0]), rel=1e-9)
+    assert loads(dumps(design)).required == design.required
+    assert [limit["field"] for limit in limits_for_study(design)] == 2 * [[f"{x!r} mm" for x in light.x_ml_mm]]
+
+
+def test_depth_at_a_field_is_required_by_either_name():
+    place = 'object_height = "3 mm"'
+    both = (asked(f"{name} = {{{place}, max = 1}}") for name in ("u_z_mm", "u_z_at_field_mm"))
+    one, two = (roslf.evaluate(design).required[0] for design in both)
+    assert (one.value, one.x_ml_mm) == (two.value, two.x_ml_mm)
+    away = asked(f'u_z_at_field_mm = {{at = "15 mm", {place}, max = 1}}')
+    assert limits_for_study(away) == ()
+
+
+@pytest.mark.parametrize("field", ['"3 mm"', "0", "1", "true", "[1, 2]", "1.5"])
+def test_no_place_in_the_field(field):
+    with pytest.raises(DesignError, match=r'a share of its half diagonal, as 0\.5 .* is object_height = "5 mm"'):
+        asked(f"u_z_mm = {{field = {field}, max = 1}}")
+
+
+@pytest.mark.parametrize("name", ["rigid-scope", "paper", "cystoscope"])
+def test_a_range_of_distances_is_both_its_ends_between_which_no_depth_is_worse(name):
+    plain = preset_path(name).read_text()
+    focus = float(roslf.quantity("working_distance_mm")(Camera.of(loads(plain))))
+    near, far = 0.6 * focus, 2.0 * focus
+    text = f'expanded_u_z_mm = {{at = ["{near!r} mm", "{far!r} mm"], max = "1 m"}}'
+    ends = roslf.evaluate(asked(text, plain.split("[required]")[0])).required
+    assert [one.at_mm for one in ends] == [near, far]
+    camera = Camera.of(loads(plain))
+    between = [float(roslf.quantity("u_z_mm")(camera, at)) for at in np.linspace(near, far, 41)]
+    assert max(between) == pytest.approx(max(one.value for one in ends), rel=1e-6)
+
+
+def test_no_range():
+    for at in ('["1 mm"]', '["1 mm", "2 mm", "3 mm"]'):
+        with pytest.raises(DesignError, match=r"required\.u_z_mm\.at: of a range is its two ends"):
+            asked(f"u_z_mm = {{at = {at}, max = 1}}")
+    with pytest.raises(DesignError, match="has no unit"):
+        asked('u_z_mm = {at = ["1 mm", 5], max = 1}')
