@@ -15,15 +15,19 @@ from ..design import Design
 from ..distances import Distance, one_distance
 from ..errors import expect, refusal
 from ..progress import CountedProgress, silent
-from ..theory.focused import FocusedArray
+from ..theory.depth_budget import depth_budget
+from ..theory.focused import FocusedArray, focus_faults
 from ..theory.limits import as_design
-from ..theory.quantities import quantities_of_cameras, thin_lens_note
+from ..theory.quantities import DEPTH_ERRORS, quantities_of_cameras, quantity_named, thin_lens_note, window_note
+from ..theory.quantity import Quantity
 from ..theory.quantity_table import QuantityTable
+from ..words import listed
 from .evaluate import at_temperature
 from .field_images import MOST_TRACED, rays_tell
 
 ANSWERS = (
     *("field_of_view_width_deg", "working_distance_mm", "field_half_width_mm", "object_sample_mm", "u_z_mm"),
+    "depth_window_mm",
     *("insertion_diameter_mm", "outer_diameter_mm", "fill_factor", "non_distortion_room_mm", "views_independent"),
 )
 """Quantities that a table has where none are named: what a buyer asks first, and what verdicts rest on."""
@@ -61,7 +65,7 @@ def evaluate_many(
     -------
     QuantityTable
         Shows as a table in a notebook; `to_pandas`, `to_csv`. NaN, or an empty cell, is what a design has no value of,
-        as numbers of views behind focused microlenses.
+        as numbers of views behind focused microlenses; `reasons` has why, by row, and why a depth is infinite.
 
     Raises
     ------
@@ -111,9 +115,27 @@ def evaluate_many(
                 columns[quantity.name][row] = value
     if few and real:
         progress("tracing", len(real), len(real))
+    reasons = dict[str, str]()
+    windowed = quantity_named("depth_window_mm")
+    windows = [float(windowed(camera, at)) for camera in cameras if FocusedArray.of(camera) is None]
+    notes.append(window_note(columns, windows))
+    for row, (name, _) in enumerate(named):
+        if words := _reason(used[row], cameras[row], known, {one: column[row] for one, column in columns.items()}, at):
+            reasons[str(name)] = words
     names = np.array([name for name, _ in named])
     units = {quantity.name: quantity.unit for quantity in known}
-    return QuantityTable({"design": names, **columns}, units, note="; ".join(filter(None, notes)))
+    return QuantityTable({"design": names, **columns}, units, note="; ".join(filter(None, notes)), reasons=reasons)
+
+
+def _reason(
+    design: Design, camera: Camera, asked: Sequence[Quantity], values: Mapping[str, float], at: float | None
+) -> str:
+    """Words on why a design has no value of some quantities, or an infinite depth; empty where it has all."""
+    views = [one.name for one in asked if one.of_views and np.isnan(values[one.name])]
+    if faults := [problem.message for problem in focus_faults(design, *views)]:
+        return f"{faults[0]}; or set sensor.distance (d_2), which stays where another array is put in"
+    endless = [one for one in DEPTH_ERRORS if np.isinf(values.get(one, 0.0))]
+    return f"{listed(endless)} infinite: {depth_budget(camera, at).cause}" if endless else ""
 
 
 def _name(design: Design | str | Path) -> str:

@@ -23,7 +23,7 @@ from ..progress import CountedProgress, silent
 from ..theory.field_of_view import focus_ahead
 from ..theory.focused import refuse_focused
 from ..theory.limits import as_design
-from ..theory.quantities import QUANTITIES, quantities_of_cameras, thin_lens_note
+from ..theory.quantities import QUANTITIES, quantities_of_cameras, quantity_named, thin_lens_note, window_note
 from ..theory.quantity import Quantity
 from ..theory.quantity_table import QuantityTable
 from .field_images import MOST_TRACED, rays_tell
@@ -193,6 +193,9 @@ def sweep(
     here = Camera.of(design)
     own = tuple(float(focus_ahead(here) if place == AT else here[design.place_named(place)]) for place in axes)
     note = thin_lens_note([design], values, untraced="" if few else f"a sweep of up to {MOST_TRACED} points")
+    with np.errstate(all="ignore"):
+        windows = of_points(quantity_named("depth_window_mm"), distances[0])
+    note = "; ".join(filter(None, [note, window_note(values, windows)]))
     drawn = shaped(np.broadcast_to(valid, (len(distances), points)))
     return Sweep(axes, values, units, drawn, follows, at, own, note)
 

@@ -80,9 +80,20 @@ def quantity_named(name: str) -> Quantity:
     raise ValueError(f"'{name}' is no quantity of a design; {remedy}")
 
 
+DEPTH_ERRORS = ("sigma_z_mm", "u_z_mm", EXPANDED)
+"""Errors of one depth on the axis."""
+ALIKE = 0.01
+"""Share by which windows differ that are alike."""
 NO_LENS_MOVES = frozenset(
     (
-        *("working_distance_mm", "direction_of_view_deg", "object_magnification", "object_sample_mm", "fold_lp_per_mm"),
+        *(
+            "working_distance_mm",
+            "direction_of_view_deg",
+            "object_magnification",
+            "object_sample_mm",
+            "depth_window_mm",
+        ),
+        "fold_lp_per_mm",
         *(*tube.WIDTHS, "largest_diameter_mm", "total_length_mm", "camera_length_mm", "lateral_samples"),
         *("f_number_microlens", "f_number_microlens_lens", "fresnel_number", "views_independent", "airy_radius_px"),
         *PATHS,
@@ -105,6 +116,17 @@ def thin_lens_note(designs: Iterable[Design], names: Iterable[str], *, untraced:
         f"of the thin-lens model, not of rays through {listed([*lenses])}: {listed(moved)}; `roslf evaluate` traces "
         "field, light and detail"
     ) + (f" ({untraced}, too)" if untraced and told else "")
+
+
+def window_note(names: Iterable[str], windows: Any) -> str:
+    """Words on windows of unlike size on the object [mm] that depths are told from; empty where none is asked for."""
+    depths = [name for name in DEPTH_ERRORS if name in names]
+    known = np.ravel(windows)[np.isfinite(np.ravel(windows))]
+    if not depths or not known.size or np.ptp(known) <= ALIKE * known.max():
+        return ""
+    ends = f"{number(float(known.min()), 3)} to {number(float(known.max()), 3)} mm"
+    remedy = "choose depth.window so that it is alike"
+    return f"{listed(depths)} from windows of unlike size, {ends} on the object (depth_window_mm): {remedy}"
 
 
 def quantities_of_cameras(names: str | Sequence[str], at: Depth = None) -> list[Quantity]:
@@ -797,6 +819,16 @@ _EVERY = (
         label="object sample",
         evaluated=Listed("sampling", remark="one microlens at the focal plane"),
         sheet=Listed("Object field", remark="one microlens"),
+    ),
+    Quantity(
+        "depth_window_mm",
+        "mm",
+        "side on the object of the square of depth.window microlenses that one depth is told from, at a distance ahead "
+        "of the tip or at the focal plane",
+        lambda c, at: product(c["depth.window"] * c.d, light.object_scale(c, at)),
+        at="optional",
+        of_views=True,
+        label="window of one depth",
     ),
     Quantity(
         "view_baseline_mm",

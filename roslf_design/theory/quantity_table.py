@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,8 @@ from ..design.files import write_new
 from ..tables import Table, csv_bytes
 from ..words import number, sentence
 
+MOST_REASONS = 6
+"""Rows of which it is told below a table why they lack values."""
 MOST_ROWS = 24
 """Rows that are shown of a table; of a longer one the first and the last half as many."""
 
@@ -35,6 +37,8 @@ class QuantityTable:
     title: str = ""
     note: str = ""
     """Reservation about columns, in words; stands under the table."""
+    reasons: Mapping[str, str] = field(default_factory=dict)
+    """Row to why it has no value of some columns, or an infinite one, in words; of rows that are named."""
 
     @property
     def headed(self) -> dict[str, NDArray[Any]]:
@@ -60,7 +64,7 @@ class QuantityTable:
         write_new(Path(path), self.csv(), overwrite)
 
     def to_pandas(self) -> Any:
-        """Table as a `pandas.DataFrame`; its ``attrs["units"]`` are the units by column, ``attrs["note"]`` the note.
+        """Table as a `pandas.DataFrame`; its ``attrs`` are units by column, the note, and reasons by row, where any.
 
         Raises
         ------
@@ -73,6 +77,7 @@ class QuantityTable:
 
         frame = pandas.DataFrame(dict(self.columns))
         frame.attrs |= {"units": dict(self.units)} | ({"note": self.note} if self.note else {})
+        frame.attrs |= {"reasons": dict(self.reasons)} if self.reasons else {}
         return frame
 
     @property
@@ -91,10 +96,16 @@ class QuantityTable:
         return len(next(iter(self.columns.values()), ()))
 
     def __str__(self) -> str:
-        return "\n".join(filter(None, [self.table.text(), sentence(self.note)]))
+        return "\n".join(filter(None, [self.table.text(), *self._below]))
+
+    @property
+    def _below(self) -> list[str]:
+        """Sentences under the table."""
+        told = [f"row {row}: {why}" for row, why in [*self.reasons.items()][:MOST_REASONS]]
+        return [sentence(words) for words in (self.note, *told) if words]
 
     def _repr_html_(self) -> str:
-        return self.table.html() + (f"<p>{escape(sentence(self.note))}</p>" if self.note else "")
+        return self.table.html() + "".join(f"<p>{escape(words)}</p>" for words in self._below)
 
 
 def _cell(value: Any) -> str:

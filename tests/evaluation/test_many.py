@@ -75,3 +75,33 @@ def test_no_camera_is_swept_beyond_the_temperatures_that_one_may_have():
         assert swept.valid.tolist() == [False, True, False]
         assert np.isnan(swept.values["fill_factor"]).tolist() == [True, False, True]
         assert "150" in " ".join(swept.refused(warm))
+
+
+def test_a_row_says_why_it_has_no_value(root):
+    bench = roslf.load("paper")
+    swapped = bench.replace({"microlens_array.focal_length": 3.0 * bench.f_ml})  # and d_2 left as it is
+    table = roslf.evaluate_many({"own": bench, "swapped": swapped}, ["fill_factor", "u_z_mm"])
+    assert list(table.reasons) == ["swapped"]
+    assert "pixels are no views and there is no u_z_mm" in table.reasons["swapped"]
+    assert "or set sensor.distance (d_2)" in str(table)
+    assert table.to_pandas().attrs["reasons"] == table.reasons
+    assert not roslf.evaluate_many({"swapped": swapped}, ["fill_factor"]).reasons
+    lit = roslf.load("rigid-scope").replace({"light": {"illuminance": 1e9, "exposure": 0.01}})
+    (why,) = roslf.evaluate_many({"lit": lit}, ["u_z_mm"]).reasons.values()
+    assert why == "u_z_mm infinite: pixels are full"
+
+
+def test_windows_of_unlike_size_on_the_object_are_named():
+    own = roslf.load("rigid-scope")
+    coarse = own.replace({"microlens_array.pitch": 1.5 * own.d, "aperture.diameter": 1.5 * own.D_F})
+    table = roslf.evaluate_many({"own": own, "coarse": coarse}, ["u_z_mm", "depth_window_mm"], at=20.0)
+    # As many footprints of a microlens across, each half the period of the finest detail that it samples.
+    for design, window in zip((own, coarse), table.columns["depth_window_mm"], strict=True):
+        finest = float(roslf.quantity("fold_lp_per_mm")(roslf.Camera.of(design), at=20.0))
+        assert window == pytest.approx(design.depth.window / (2 * finest), rel=1e-12)
+    assert "from windows of unlike size" in table.note
+    assert not roslf.evaluate_many({"own": own, "same": own}, ["u_z_mm"]).note
+    assert not roslf.evaluate_many({"own": own, "coarse": coarse}, ["fill_factor"]).note
+    swept = roslf.sweep(own, {"d": [own.d, 1.5 * own.d]}, ["sigma_z_mm"])
+    assert "sigma_z_mm from windows of unlike size" in swept.note
+    assert not roslf.sweep(own, {"D_F": [own.D_F, 0.9 * own.D_F]}, ["sigma_z_mm"]).note

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ...camera import Camera
 from ...design import Design
 from ...evaluation import evaluate
 from ...evaluation.result import Evaluation, effects_table, fact_tables, field_table
 from ...progress import CountedProgress, silent
 from ...theory.colours import PIXEL_FILTERS
-from ...words import length
+from ...theory.quantities import quantity_named, window_note
+from ...words import length, listed, number
 from ..blocks import Figure, Report, Section, Table
 from ..lens_words import lens_words
 from .curves import depth_comparison
@@ -85,6 +87,10 @@ def _figures(named: dict[str, Design], results: Sequence[Evaluation]) -> tuple[t
         "disparity error as given; dots mark "
         "the focal planes. The lower curve resolves depth better there."
     )
+    windows = {letter: float(quantity_named("depth_window_mm")(Camera.of(one))) for letter, one in named.items()}
+    if words := window_note(["u_z_mm"], list(windows.values())):
+        each = listed([f"{letter} {number(window, 3)} mm" for letter, window in windows.items()])
+        caption += f" At the focal planes {words}: {each}."
     return rays, images, Figure.of("depth", "Depth, expected", caption, depth_comparison(named))
 
 
