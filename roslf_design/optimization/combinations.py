@@ -57,8 +57,8 @@ class CatalogueTable(StrictTable):
     """Further catalogue files, beside the study."""
     shipped: StrictBool = True
     """Whether the shipped catalogue takes part."""
-    element: Annotated[int, Field(ge=0)] | None = None
-    """For which of [[elements]], from 0, a window is chosen; may be left out where there is one plate."""
+    element: int | str | None = None
+    """For which of [[elements]], by name or from 0, a window is chosen; may be left out where there is one plate."""
     keep: Annotated[int, Field(ge=1, le=100)] = 10
 
     def faults_behind(self, lens: Prescription, shaped: Sequence[str]) -> Iterator[Problem]:
@@ -127,11 +127,12 @@ class CatalogueTable(StrictTable):
         plates = [k for k, at in enumerate(design.in_bore) if "windows" in at.part.catalogue]
         if self.element is None and len(plates) == 1:
             return plates[0]
-        if self.element in plates:
-            return self.element
+        if (at := design.place_named(f"elements.{self.element}")) in (f"elements.{k}" for k in plates):
+            return int(at.removeprefix("elements."))
         if not plates:
             raise ValueError("windows are for plates, and the design has none; add one to its [[elements]]")
-        raise ValueError(f"say for which plate a window is wanted: element = {' or '.join(map(str, plates))}")
+        names = (f'"{name}"' if (name := design.elements[k].name) else str(k) for k in plates)
+        raise ValueError(f"say for which plate a window is wanted: element = {' or '.join(names)}")
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
+from roslf_design.optimization.combinations import CatalogueTable
 from roslf_design.optimization.study import read_study
 from roslf_design.tolerancing.places import expand
 
@@ -68,3 +69,12 @@ def test_refusals():
     NAMED.replace({"elements.front.name": "2nd window"})
     with pytest.raises(ValueError, match=r"did you mean 'elements\.front\.thickness'"):
         expand(NAMED, "elements.fromt.thickness")
+
+
+def test_a_catalogue_s_window_is_for_a_plate_by_its_name():
+    for name, k in (("front", 1), ("front 1.5", 0), (1, 1)):
+        assert CatalogueTable(kinds=("windows",), element=name).plate(NAMED) == k
+    with pytest.raises(ValueError, match=r'element = "front 1\.5" or "front"$'):
+        CatalogueTable(kinds=("windows",), element="fromt").plate(NAMED)
+    with pytest.raises(ValueError, match="for which plate"):
+        CatalogueTable(kinds=("windows",), element=-1).plate(NAMED)

@@ -88,9 +88,10 @@ def _figures(named: dict[str, Design], results: Sequence[Evaluation]) -> tuple[t
         "the focal planes. The lower curve resolves depth better there."
     )
     windows = {letter: float(quantity_named("depth_window_mm")(Camera.of(one))) for letter, one in named.items()}
-    if words := window_note(["u_z_mm"], list(windows.values())):
+    if window_note(["u_z_mm"], list(windows.values())):
         each = listed([f"{letter} {number(window, 3)} mm" for letter, window in windows.items()])
-        caption += f" At the focal planes {words}: {each}."
+        caption += f" One depth is told from windows of unlike size on the object, at the focal planes {each}: choose "
+        caption += "depth.window so that it is alike."
     return rays, images, Figure.of("depth", "Depth, expected", caption, depth_comparison(named))
 
 
