@@ -119,7 +119,7 @@ def thin_lens_note(designs: Iterable[Design], names: Iterable[str], *, untraced:
 
 
 def window_note(names: Iterable[str], windows: Any) -> str:
-    """Words on windows of unlike size on the object [mm] that depths are told from; empty where none is asked for."""
+    """Words on windows of unlike size on the object [mm] that depths come from; empty where none is asked for."""
     depths = [name for name in DEPTH_ERRORS if name in names]
     known = np.ravel(windows)[np.isfinite(np.ravel(windows))]
     if not depths or not known.size or np.ptp(known) <= ALIKE * known.max():
@@ -823,7 +823,7 @@ _EVERY = (
     Quantity(
         "depth_window_mm",
         "mm",
-        "side on the object of the square of depth.window microlenses that one depth is told from, at a distance ahead "
+        "side on the object of the square of depth.window microlenses that one depth comes from, at a distance ahead "
         "of the tip or at the focal plane",
         lambda c, at: product(c["depth.window"] * c.d, light.object_scale(c, at)),
         at="optional",

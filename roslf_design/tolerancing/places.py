@@ -179,8 +179,8 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
         raise ValueError(f"'{name}' is of a real lens and this design's is ideal; perturb main_lens.focal_length")
     if name == TEMPERATURE:
         raise ValueError("the design says nothing of what grows; add [environment] to it, with temperature and housing")
-    places = [*known, *(place[:-2] for place in known if place.endswith(".0"))]
-    names = [*map(design.chain.called, places), *PATHS, *SHORT]
+    pairs = [*known, *(place[:-2] for place in known if place.endswith(".0"))]
+    names = [*map(design.chain.called, pairs), *PATHS, *SHORT]
     near = difflib.get_close_matches(name, names, 1, 0.4)
     remedy = f"known are {', '.join(PATHS)} and dotted places such as aperture.tilt"
     remedy = f"did you mean '{near[0]}'?" if near else remedy

@@ -90,7 +90,7 @@ def _figures(named: dict[str, Design], results: Sequence[Evaluation]) -> tuple[t
     windows = {letter: float(quantity_named("depth_window_mm")(Camera.of(one))) for letter, one in named.items()}
     if window_note(["u_z_mm"], list(windows.values())):
         each = listed([f"{letter} {number(window, 3)} mm" for letter, window in windows.items()])
-        caption += f" One depth is told from windows of unlike size on the object, at the focal planes {each}: choose "
+        caption += f" One depth comes from windows of unlike size on the object, at the focal planes {each}: choose "
         caption += "depth.window so that it is alike."
     return rays, images, Figure.of("depth", "Depth, expected", caption, depth_comparison(named))
 
