@@ -195,7 +195,7 @@ def sweep(
     note = thin_lens_note([design], values, untraced="" if few else f"a sweep of up to {MOST_TRACED} points")
     with np.errstate(all="ignore"):
         windows = of_points(quantity_named("depth_window_mm"), distances[0])
-    note = "; ".join(filter(None, [note, window_note(values, windows)]))
+    note = "; ".join(filter(None, [window_note(values, windows), note]))
     drawn = shaped(np.broadcast_to(valid, (len(distances), points)))
     return Sweep(axes, values, units, drawn, follows, at, own, note)
 
