@@ -169,8 +169,11 @@ class DesignProblem:
         for k, (name, variable) in enumerate(self.variables.items()):
             value = variable.value(units[..., k])
             for place in variable.places(name):
-                there = values.get(place, self.base.numbers.get(place))
-                values[place] = there + variable.together[place] * value if variable.together else value
+                if not variable.together:
+                    values[place] = value
+                else:
+                    there = values[place] if place in values else self.base.numbers[place]
+                    values[place] = np.asarray(there + variable.together[place] * value)
         return values
 
     def varied_lens(self, units: Array) -> VariedLens | None:

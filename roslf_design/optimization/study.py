@@ -206,7 +206,7 @@ class StudyTable(StrictTable):
                 sign = math.copysign(1.0, numbers.get(place, 1.0))
                 far[place] = far.get(place, 0.0) + min(sign * factor * end for end in (variable.min, variable.max))
         for place, change in far.items():
-            size = abs(numbers.get(place, math.inf))
+            size = abs(float(numbers.get(place, math.inf)))
             if size + change < 0 or (size + change == 0 and not place.endswith("distance")):
                 words = f"is {size:g} mm in size and would be {size + change:g} mm at the bounds; narrow them"
                 yield Problem("variables", f"shifts take '{design.chain.called(place)}' through 0: it {words}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -38,7 +38,7 @@ class Variable(StrictTable):
     max: AnyLength
     start: AnyLength | None = None
     """Start of one of the searches."""
-    together: Annotated[dict[str, float], Field(default_factory=dict)]
+    together: dict[str, float] = Field(default_factory=dict)
     """Places that move as one, under a name of the study's own: a list, or a table of each to how many times as far;
     bounds are then of the shift from the base design, and shifts of the same place add."""
     same: tuple[str, ...] = ()

@@ -159,10 +159,10 @@ def _tube(folds: Sequence[Fold], wall: _Wall, front: float, end: float) -> list[
     """
     stated = wall.back > front
     if folds and stated:
-        fold = -folds[0].distance
-        if fold >= wall.back:
+        first = -folds[0].distance
+        if first >= wall.back:
             return []
-        front = fold - wall.at(fold)
+        front = first - wall.at(first)
     if stated and (folds or wall.flare or wall.back < end):
         brims = [(wall.at(z), z) for z in (front, min(wall.back, end))]
         body = Body("tube", "round", turned(brims), bands(2), "grey", 0.10, label=wall.label)
