@@ -306,7 +306,7 @@ class Work(NamedTuple):
         rays = options.rays or rays_for(camera, wide, light)
         pixels, slower = wide.columns * wide.rows, SLOWER if design.traced_through else 1.0
         if design.thin_twin is not design:
-            rays = samples_along(camera, rays) ** 2
+            rays = samples_along(rays) ** 2
         white = pixels * SECONDS["pixel"] * (slower - 0.9)
         exposure = START + pixels * DECODED
         if not design.traced_through and shared_everywhere(camera):
