@@ -54,8 +54,8 @@ class IdealLensFaults(NamedTuple):
         """Faults of a camera with power in its bore; None of one without ideal lenses there."""
         glasses = _materials(c)
         real = bool(c.lens.faults)
-        told = [part for part in c.in_bore if part.element.power_sign or not real]
-        petzval = sum(float(part.element.petzval(part.at)) for part in told)
+        counted = [part for part in c.in_bore if part.element.power_sign or not real]
+        petzval = sum(float(part.element.petzval(part.at)) for part in counted)
         if not petzval or not np.isfinite(middle := float(c[CONJUGATES[1]] - c.tip)):
             return None
         if FOCAL in glasses:
@@ -71,7 +71,7 @@ class IdealLensFaults(NamedTuple):
     @property
     def curved(self) -> str:
         """Field curvature in words."""
-        index = " (n = 1.5 where no material is told)" if self.unnamed else ""
+        index = " (n = 1.5 where no material is stated)" if self.unnamed else ""
         return (
             f"by a Petzval sum of {number(self.petzval, 3)} /mm{index} the plane in focus is "
             f"{_place(self.corner)} in the corner of the field, {number(self.middle, 3)} mm in its middle"
@@ -89,8 +89,8 @@ class IdealLensFaults(NamedTuple):
     def beyond(self) -> tuple[str, ...]:
         """Words on those that leave the depth of field."""
         near, far = self.sharp
-        told = ((self.curved, (self.corner,)), (self.coloured, self.colours))
-        return tuple(words for words, planes in told if any(not near <= plane <= far for plane in planes))
+        listed = ((self.curved, (self.corner,)), (self.coloured, self.colours))
+        return tuple(words for words, planes in listed if any(not near <= plane <= far for plane in planes))
 
 
 def _materials(c: Camera) -> dict[str, Glass | None]:
