@@ -86,7 +86,7 @@ def test_petzval_sum_and_the_plane_that_it_focuses_on():
     assert found.corner == pytest.approx(seen, rel=1e-9)
     unnamed = IdealLensFaults.of(Camera.of(design("")))
     assert unnamed.petzval == pytest.approx(by_hand + 1 / 75 - 1 / (50 * float(glass.index(550e-6))), rel=1e-12)
-    assert "n = 1.5 where no material is told" in unnamed.curved
+    assert "n = 1.5 where no material is stated" in unnamed.curved
     assert "left out (1)" in unnamed.coloured
 
 
