@@ -574,7 +574,7 @@ def _falls(evaluation: Evaluation) -> tuple[str, str]:
     slanted = f"light falls with the field's angle ({100 * slant:.3g} % left)"
     causes = sorted((
         (kept, "stops cut images", "a wider lens or stops, a smaller pupil, or another d_3"),
-        (slant, slanted, evaluation.answer.corner_evened_by or "a smaller sensor"),
+        (slant, slanted, evaluation.answer.corner_evened_by or "more light, or a longer exposure"),
     ))  # fmt: skip
     # Of two the smaller is told where it takes a quarter of what the larger does.
     told = [words for left, words, _ in causes if 1 - left > max(0.25 * (1 - causes[0][0]), 0.01)]
