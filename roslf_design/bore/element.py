@@ -161,9 +161,9 @@ class Element(OpticalPart):
         # A leaning face between air and liquid bends the axis.
         return s * e - q * f + off - lean * inside, -r * e + p * f + lean * beyond
 
-    def block_reach(self, at: PartNumbers) -> Number | None:
-        """Farthest corner of a square block from the axis it stands on [mm]; None of what is round."""
-        return None
+    def block_reach(self, at: PartNumbers) -> Number:
+        """Farthest corner of a square block from the axis it stands on [mm]; 0 of what is round."""
+        return 0.0
 
     def petzval(self, at: PartNumbers) -> Number:
         """Part of the Petzval sum, power over index [1/mm]; none of flat faces."""

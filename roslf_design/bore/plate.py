@@ -134,10 +134,10 @@ class Prism(Block):
         """How often light is reflected in it."""
         return self.reflections
 
-    def block_reach(self, at: PartNumbers) -> Number | None:
+    def block_reach(self, at: PartNumbers) -> Number:
         """Corners of both faces, as wide and as high as the clear aperture; by more reflections it is of any shape."""
         if not self.turn or self.reflections > 1:
-            return None
+            return 0.0
         half, turn = at.get("diameter", 0.0) / 2, self.turn
         beside = self.span(at) / 2 * math.sin(turn) + half * abs(math.cos(turn))
         return np.hypot(np.maximum(half, beside), half)

@@ -19,7 +19,7 @@ from ..effects.lens import colour_spread
 from ..errors import InputError, Problem
 from ..progress import Share
 from ..theory.colours import filters
-from ..theory.depth_error import depth_told
+from ..theory.depth_error import depth_told, overlapping
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from ..theory.focused import refuse_focused
 from ..theory.length_covariance import LengthCovariance
@@ -302,8 +302,8 @@ class _ArrayViewing:
     def jointly(
         self, field: LightField, noise: PixelNoise, search: tuple[float, float], window: int, progress: Share
     ) -> DisparityMap | None:
-        """Fit behind an ideal lens where no sample has `LEAST` of its light from one microlens."""
-        if self.traced is not None or self.light.told_apart:
+        """Fit behind an ideal lens whose images overlap so much that few samples show mostly one microlens."""
+        if self.traced is not None or not overlapping(self.light.camera):
             return None
         return joint_disparities(self.light, field, noise, search, window, progress)
 

@@ -23,12 +23,11 @@ from ..camera import Camera
 from ..progress import part_of
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import panchromatic
-from ..theory.image_parts import image_parts, waves_shown
+from ..theory.image_parts import waves_shown
 from ..theory.stop_images import MicrolensImages
 from .bends import straightened
 from .estimate import DisparityMap, DisparityStatus, PixelNoise, full_samples
-from .mixing import LEAST
-from .unmixing import ViewLight, light_shares, reading
+from .unmixing import ViewLight, reading
 from .windows import box
 
 Array = NDArray[np.float64]
@@ -56,15 +55,6 @@ MOST_STRAIN = 2.0
 """Chi-square of a window's microlenses about its disparity above which it sees a step; 1.9 by chance at one in 200."""
 CLIPPED = 0.05, 0.5
 """Shares of a window's samples, and of a microlens's own, that are full from which these are why it has none."""
-PLACES = 9
-"""Places along a cell at which a camera's light is looked at beforehand."""
-
-
-def shared_everywhere(camera: Camera) -> bool:
-    """Whether no pixel in the middle has `LEAST` of its light from one microlens."""
-    places = (np.arange(PLACES) + 0.5) / PLACES - 0.5
-    parts = image_parts(MicrolensImages(panchromatic(camera), [(0.0, 0.0)]), places, places)
-    return not bool((light_shares(parts.light)[parts.steps.index((0, 0))] > LEAST).any())
 
 
 def joint_disparities(

@@ -39,11 +39,11 @@ from ..scenes import Noise, Plane, Scene
 from ..scenes.scene import chief_ray_limits
 from ..seeds import Seed
 from ..shapes.lattice import PACKINGS
+from ..theory.depth_error import overlapping
 from ..theory.photometry import electrons, exposure
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from .geometry import ArrayGeometry, depth_of, disparity_of
-from .joint import shared_everywhere
 from .traced_views import TracedViews
 
 Array = NDArray[np.float64]
@@ -309,7 +309,7 @@ class Work(NamedTuple):
             rays = samples_along(rays) ** 2
         white = pixels * SECONDS["pixel"] * (slower - 0.9)
         exposure = START + pixels * DECODED
-        if not design.traced_through and shared_everywhere(camera):
+        if not design.traced_through and overlapping(camera):
             exposure += JOINT * pixels * float(camera.q / QUANTITIES["image_pitch_mm"](camera)) ** 2
         return cls(pixels, rays, white, render_seconds(design, pixels, rays), exposure, options.exposures)
 

@@ -193,11 +193,6 @@ class ViewLight:
         noise = sum((way.noise(light, share) for way in ways), np.zeros_like(share))
         return _Freeing(usable, mine[usable], maps(noise), ways, maps, start)
 
-    @property
-    def told_apart(self) -> bool:
-        """Whether any sample has `LEAST` of its light from its own microlens."""
-        return bool(self._freeing.usable.any())
-
     def beside(self, places: NDArray[np.float64], parts: ImageParts) -> NDArray[np.float64] | None:
         """How far to the side the light of each microlens in samples sees, along the lattice's steps: (2, *parts.x).
 

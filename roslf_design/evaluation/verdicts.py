@@ -293,7 +293,12 @@ def _fits(camera: Camera) -> Verdict:
         (widest, _, room), unjudged = min(within, key=lambda one: one[2] - one[1]), tube.unjudged(camera)
         there = f" where it leaves {room:.4g} mm" * cone
         extreme = f"{'tightest' if cone else 'widest'} is {the(widest.name)}, {widest.sizes(camera)}{there}"
-        text = f"{holds}; {extreme}{uncounted}{tube.unsaid_wall(camera)}"
+        ground = [
+            f"; {part.name} counts as ground round: across the corners of a square block it is {float(corners):.4g} mm"
+            for part, _, room in within
+            if np.any((corners := part.corners) > room * (1 + FEASIBLE))
+        ]
+        text = f"{holds}; {extreme}{uncounted}{tube.unsaid_wall(camera)}{''.join(ground)}"
         if unjudged:
             text = f"fits inside the tube, but {unjudged}; {text}"
             return Verdict("fits_tube", False, "limit", text, "look at its drawing")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array
 from ..bore.chain import ImagedPlane
@@ -137,7 +137,12 @@ def overlap_error(c: Camera) -> Array:
     0 where the design gives the disparity's error, which counts that.
     """
     told = "depth.disparity_error" in c.numbers
-    return np.where(told | ~(fill_left(c) > MOST_FILL[c.layout]), 0.0, np.inf)[()]
+    return np.where(told | ~overlapping(c), 0.0, np.inf)[()]
+
+
+def overlapping(c: Camera) -> NDArray[np.bool_]:
+    """Where images overlap more than `MOST_FILL`."""
+    return np.asarray(fill_left(c) > MOST_FILL[c.layout])
 
 
 def fill_left(c: Camera) -> Array:

@@ -46,8 +46,8 @@ class _Housed(NamedTuple):
     """Width of its clear aperture [mm]."""
     aside: Number | None = None
     """Its farthest point from the tube's axis, where a fold turns its own [mm]; the wall may open for it."""
-    block: bool = False
-    """Whether its width is that across the corners of a square block."""
+    corners: Number = 0.0
+    """Width across the corners of the square block that it may be ground from [mm]; 0 of what is round."""
 
     def needs(self, c: Camera) -> Number:
         """Room that it needs between walls, across [mm]."""
@@ -61,7 +61,7 @@ class _Housed(NamedTuple):
     def sizes(self, c: Camera) -> str:
         """Its width, or how far beside the tube's axis it ends, in words."""
         if self.aside is None:
-            return f"{float(self.width):.4g} mm{' across the corners of its square block' * self.block}"
+            return f"{float(self.width):.4g} mm"
         return f"sideways, out to {float(self.aside):.4g} mm from the tube's axis"
 
     def inside(self, c: Camera) -> Array:
@@ -82,15 +82,12 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
     """
     c, numbers = c.cold, c.cold.numbers
 
-    def part(
-        name: str, key: str, width: Number, place: Number, glass: Number = 0.0, reach: Number | None = None
-    ) -> _Housed:
+    def part(name: str, key: str, width: Number, place: Number, glass: Number = 0.0, corners: Number = 0.0) -> _Housed:
         aside = 2 * np.hypot(numbers[f"{key}.decentre.0"], numbers[f"{key}.decentre.1"])
-        whole = np.maximum(width, glass if reach is None else 2 * reach) + aside
+        whole = np.maximum(width, glass) + aside
         if key in c.chain.bores:  # what is amiss of it is so of the wall, whatever that leaves of the tube
             whole = np.minimum(whole, room(c, place))
-        beside = _aside(c, place, whole / 2) if reach is None else None
-        return _Housed(name, whole, place, width + aside, beside, reach is not None)
+        return _Housed(name, whole, place, width + aside, _aside(c, place, whole / 2), corners)
 
     def diagonal(key: str) -> Number:
         size: Number = np.hypot(numbers[f"{key}.0"], numbers[f"{key}.1"])
@@ -104,8 +101,8 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
         glass = numbers.get(f"{at.at.place}.outer_diameter", _widest(at.element.prescribed))
         if np.any(glass) or f"{at.at.place}.diameter" in numbers or _aside(c, at.end, 0.0) is not None:
             upright = _aside(c, at.start, 0.0) is None  # no fold before it turns its own axis
-            reach = at.element.block_reach(at.at) if upright else None
-            parts.append(part(at.name, at.at.place, at.at.get("diameter", glass), at.end, glass, reach))
+            corners = 2 * at.element.block_reach(at.at) if upright else 0.0
+            parts.append(part(at.name, at.at.place, at.at.get("diameter", glass), at.end, glass, corners))
     array, d_2 = -numbers[PATHS["d_1"]] - c.hiatus, numbers[PATHS["d_2"]]
     edge = np.maximum(_widest(c.lens.prescribed), numbers.get("main_lens.outer_diameter", 0.0))
     parts.append(part("main lens", "main_lens", numbers[PATHS["D"]], 0.0, edge))
@@ -240,7 +237,7 @@ def walls(c: Camera) -> tuple[str, str]:
     within = [part for part in housed(c) if part.inside(c)]
     widest_part = max(within, key=lambda part: float(part.needs(c) + slack(c, part.place)), default=None)
     parts = f"parts of {number(narrowest - 2 * wall, 4)} mm"
-    if widest_part is not None and (widest_part.aside is not None or widest_part.block):
+    if widest_part is not None and widest_part.aside is not None:
         parts = f"{the(widest_part.name)}, {widest_part.sizes(c)},"
     parts += f" and {walls} of {number(wall, 4)} mm"
     if PROXIMAL in c.numbers:

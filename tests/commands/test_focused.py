@@ -11,7 +11,7 @@ from roslf_design.calibration.options import PlanOptions, calibration_plan
 from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.errors import InputError
-from roslf_design.evaluation import verdicts
+from roslf_design.evaluation import doubts
 from roslf_design.explorer.view import glance, lights
 from roslf_design.optimization.study import read_study
 from roslf_design.reporting.design.pages import parameter_rows
@@ -108,7 +108,7 @@ def test_searches_that_may_bring_the_pupil_into_focus_are_not_refused(changes, t
 @pytest.mark.parametrize("design", [KEPLER, RAYTRIX])
 def test_evaluations_tell_what_the_microlenses_are_focused_on_and_nothing_of_views(design, monkeypatch):
     monkeypatch.setattr(
-        verdicts, "share_full", lambda _: (0.0, 0.0)
+        doubts, "share_full", lambda *_, **more: (0.0, 0.0)
     )  # which nothing here asks, of images of many pixels
     result = roslf.evaluate(design)
     first, *others = result.verdicts

@@ -21,6 +21,9 @@ class Astray:
     def prepared(self, field):
         return PreparedViews(field, self.pupil, self.aside)
 
+    def jointly(self, *given):
+        return None
+
     def at_phase(self, views, found):
         return None
 

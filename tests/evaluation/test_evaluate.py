@@ -749,7 +749,7 @@ def test_what_stands_before_the_lens_is_told_with_a_ruler_and_as_it_is_seen():
     assert (parts["FAP"]["diameter_mm"], parts["FAP"]["seen_diameter_mm"]) == pytest.approx((2.9, 2.9))
     assert parts["sensor"]["seen_distance_mm"] == pytest.approx(2 - 0.4 * (1 - 1 / 1.5))
     rows = {row[0]: row for row in seen_table(result).rows}
-    assert rows["plate 1"][1:] == ("1 mm of n = 1.5, diameter 8 mm", "122 mm", "", "")
+    assert rows["plate 1"][1:] == ("1 mm of n = 1.5", "122 mm", "8 mm", "")
     assert rows["focal plane"][4] == "347.72 mm"
     assert rows["FAP"][2:] == ("120 mm", "2.9 mm", "")
     budget = budget_table(result)  # of four rims, which take no light here

@@ -307,8 +307,7 @@ def test_what_lies_ahead_of_a_fold_stands_sideways(sideways):
     assert outer(far) == pytest.approx(2 * math.hypot(9, 1))
     assert outer(far.replace({"elements.1.diameter": None})) == pytest.approx(18)
     long = sideways.replace({"elements.0.thickness": 4.9, "elements.1.diameter": 0.1, "elements.0.diameter": 8.0})
-    corners = 2 * math.hypot(4, 4)  # of the block's face on the sensor's side, which no wall opens for
-    assert f"prism 1 of {corners:.4g} mm across the corners of its square block" in fits(long).text
+    assert f"prism 1 lies sideways, out to {math.hypot(2.45, 4):.4g} mm" in fits(long).text
     slanting = far.replace({"elements.0.deviation": math.pi / 6})
     assert outer(slanting.replace({"tube": None})) == pytest.approx(2 * (9 / 2 + math.cos(math.pi / 6)))
     unknown = fits(far.replace({"elements.0.reflections": 2}))
@@ -324,19 +323,18 @@ def test_a_short_tube_is_named_where_what_is_too_wide_lies_behind_it(scope):
 
 
 @pytest.mark.parametrize("turn", [60.0, 90.0, 120.0])
-def test_a_prism_takes_the_room_of_its_square_block(sideways, turn):
-    """Corners of both faces in space, the second turned about the middle of the path; no wall opens for them."""
-    half, path = 2.3, 5.0
-    changes = {
-        "elements.0.diameter": 2 * half,
-        "elements.0.thickness": path,
-        "elements.0.deviation": math.radians(turn),
-    }
-    alone = sideways.replace({"elements": sideways.elements[:1], "tube": None})
-    found = outer(alone.replace(changes))
-    angle = math.radians(turn)
+def test_a_prism_whose_square_block_does_not_fit_counts_as_ground_round_and_says_so(sideways, turn):
+    """Corners of both faces in space, the second turned about the middle of the path; endoscopes have them ground."""
+    half, path, angle = 2.3, 5.0, math.radians(turn)
+    changes = {"elements.0.diameter": 2 * half, "elements.0.thickness": path, "elements.0.deviation": angle}
+    alone = sideways.replace({"elements": sideways.elements[:1]}).replace(changes)
     beyond = [math.hypot(path / 2 * math.sin(angle) + way * half * math.cos(angle), half) for way in (-1, 1)]
-    assert found == pytest.approx(2 * max(math.hypot(half, half), *beyond), rel=1e-6)
+    corners = 2 * max(math.hypot(half, half), *beyond)
+    words = f"across the corners of a square block it is {corners:.4g} mm"
+    for left, said in ((corners * 0.999, True), (corners * 1.001, False)):
+        told = fits(alone.replace({"tube": {"outer_diameter": left + 0.4, "wall": 0.2}}))
+        assert told.ok
+        assert (words in told.text) == said
 
 
 def test_a_prism_of_one_reflection_is_as_long_as_its_aperture_takes(sideways):
@@ -356,7 +354,7 @@ def test_a_prism_of_one_reflection_is_as_long_as_its_aperture_takes(sideways):
 def test_a_length_that_a_fold_shortens_and_the_part_that_takes_the_room_are_told(sideways):
     """The fold stands at 10 mm, the tip at 14: of 12 mm 8 go along the tube; the window ends 4.12 mm aside."""
     rows = roslf.evaluate(sideways.replace({"tube.length": 12.0, "tube.outer_diameter": 8.0})).answer.rows
-    (remark,) = (remark for name, _, remark in rows if name == "insertion portion")
+    (remark,) = (remark for name, _, remark in rows if name == "inserted width")
     assert remark.startswith("the first 12 mm of the light's way, 8 mm of them up to its fold: ")
     assert f"plate 2, sideways, out to {math.hypot(4, 1):.4g} mm" in remark
 
