@@ -100,13 +100,15 @@ def _depth_map(trial: Measurement, reasons: dict[int, str]) -> Picture:
         shades: list[Mark] = [Image(np.where(known, values, np.nan), box, "cividis", low, high)]
         if sphere is not None and values is depth:
             shades += _contours(sphere[turn], run, turn, (width, max(height, FLATTEST)))
-        note = ", stretched upwards" if stretched else ""
+        note, beside_bar = "", label
+        if stretched:  # too low for the label beside the bar
+            note, beside_bar = f", {label}, stretched upwards", f"[{words.unit}]"
         panel = Panel(
             (LEFT, TOP, width, max(height, FLATTEST)), across, up, (*shades, *marks), words.place,
             f"y [{run.geometry.place_unit}]", title + note, grid="", equal=not stretched,
         )  # fmt: skip
         size = page, panel.bottom + BELOW
-        pictures.append(Picture(title, title, size, (panel, colour_bar(panel, low, high, "cividis", label))))
+        pictures.append(Picture(title, title, size, (panel, colour_bar(panel, low, high, "cividis", beside_bar))))
     shares = run.unknown()
     keys = [box_key(f"{reasons[n]}: {100 * shares[reasons[n]]:.3g} %", UNKNOWN[n], edge="grey") for n in codes]
     if sphere is not None and trial.sphere is not None:
