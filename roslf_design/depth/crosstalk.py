@@ -46,7 +46,7 @@ def with_shared_light(
     start = disparities.begun
     if isinstance(viewing, GridGeometry) or start is None:  # cameras share no light
         return views, disparities
-    dull, dark = saturated(field, noise).mean((2, 3)) > DULLED, start.dark
+    dull, dark = saturated(field.values, field.weight, noise).mean((2, 3)) > DULLED, start.dark
     latest, lit, at = disparities, views, np.stack([start.disparity, start.picture])
     made, off, scale = at, np.zeros_like(at), np.ones((2, 1))
 

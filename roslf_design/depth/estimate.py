@@ -39,9 +39,9 @@ _ROBUST = 4.0
 """Standard errors from the mean of all views beyond which a sample's weight falls: 1 in 16,000 by chance."""
 _MANY = 60
 """Views of which the first corrections may leave out every other one."""
-_CLIPPED = 0.05
+CLIPPED = 0.05
 """Share of the microlenses about a window near saturation from which that is why it has no disparity."""
-_CLIPPED_VIEWS = 0.5
+CLIPPED_VIEWS = 0.5
 """Share of a microlens's own views that are saturated from which it has no disparity, whatever those about it tell."""
 SOME_VIEWS = 5
 """Views along each axis, about, whose pull on windows' disparities tells their variance."""
@@ -59,8 +59,10 @@ _APART = 0.25, 0.4
 """Microlenses that the outermost views move by from one candidate to the next; and of means of four, less sharp."""
 _CLEAR = 0.5
 """Chi-square of the best candidate, over that of all, below which it is clearly the best."""
-_ALIKE = 9.0
+ALIKE = 9.0
 """Chi-square between two disparities below which neither is the better: three standard errors."""
+LARGEST_SIGMA, LARGEST_CHI2 = 0.3, 3.0
+"""Standard error [pitches] and chi-square above which there is no disparity."""
 
 
 class DisparityStatus(IntEnum):
@@ -261,8 +263,8 @@ def estimate_disparity(
     window: int = 5,
     aside: ArrayLike | None = None,
     captured: LightField | None = None,
-    largest_sigma: float = 0.3,
-    largest_chi2: float = 3.0,
+    largest_sigma: float = LARGEST_SIGMA,
+    largest_chi2: float = LARGEST_CHI2,
     passes: int = 4,
     edges: bool = False,
     begun: Start | None = None,
@@ -567,7 +569,8 @@ class _Views:
         good = np.broadcast_to(np.True_, values.shape) if good.all() else good
         full: Flags = np.broadcast_to(np.zeros((), np.bool_), values.shape)
         if noise.saturation < math.inf:
-            full = good & saturated(field if captured is None else captured, noise)[usable]
+            read = field if captured is None else captured
+            full = good & saturated(read.values, read.weight, noise)[usable]
         if any(good.strides):
             light = np.where(good, light, np.float32(0))
         elif used.size and used.min() == used.max():
@@ -654,12 +657,7 @@ def _checked(name: str, values: ArrayLike, field: LightField) -> Pictures:
     return array
 
 
-def saturated(field: LightField, noise: PixelNoise) -> Flags:
-    """`full_samples` of a light field."""
-    return full_samples(field.values, field.weight, noise)
-
-
-def full_samples(values: Pictures, weight: Pictures, noise: PixelNoise) -> Flags:
+def saturated(values: Pictures, weight: Pictures, noise: PixelNoise) -> Flags:
     """Samples (t, s, v, u) that are saturated, and those of the same microlens beside them.
 
     Samples are interpolated between pixels: one beside a full one rests on full pixels as well. Where a microlens's
@@ -719,7 +717,7 @@ class Start:
     def alike(self, noise: PixelNoise) -> Flags:
         """True where another disparity fits as well."""
         times = self.noise.read_noise / noise.read_noise if noise != self.noise else 1.0
-        return np.asarray(self.margin * times**2 < _ALIKE)
+        return np.asarray(self.margin * times**2 < ALIKE)
 
 
 class _Zones(NamedTuple):
@@ -845,8 +843,8 @@ def _judged(
     status[unsure] = DisparityStatus.NO_TEXTURE
     status[bare] = DisparityStatus.NO_LIGHT
     status[unsure & ((views.lit < 2) | (spread < 1e-6))] = DisparityStatus.TOO_FEW_VIEWS
-    clipped = (unsure | at_odds) & (full > _CLIPPED * lit)
-    clipped |= views.saturated > _CLIPPED_VIEWS * views.lit
+    clipped = (unsure | at_odds) & (full > CLIPPED * lit)
+    clipped |= views.saturated > CLIPPED_VIEWS * views.lit
     status[clipped] = DisparityStatus.SATURATED
     status = np.where(views.lit == 0, views.unlit, status)
     measured = status == DisparityStatus.MEASURED

@@ -1,4 +1,4 @@
-"""Disparities where images overlap so much that no pixel shows mostly one microlens: texture and disparities together.
+"""Disparities where images overlap so much that few pixels show mostly one microlens: with the texture, all at once.
 
 A sample is what all microlenses show whose light it has: a linear form of the texture, along the disparities. The
 texture is solved for by least squares at every disparity that is searched, and what it leaves over says which of them
@@ -9,7 +9,6 @@ each with the error that all samples allow.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -20,13 +19,23 @@ from scipy import fft, ndimage
 
 from ..calibration.decoding import DARKEST, LightField
 from ..camera import Camera
-from ..progress import part_of
+from ..progress import UNHEARD, Share, part_of
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import panchromatic
 from ..theory.image_parts import waves_shown
 from ..theory.stop_images import MicrolensImages
 from .bends import straightened
-from .estimate import DisparityMap, DisparityStatus, PixelNoise, full_samples
+from .estimate import (
+    ALIKE,
+    CLIPPED,
+    CLIPPED_VIEWS,
+    LARGEST_CHI2,
+    LARGEST_SIGMA,
+    DisparityMap,
+    DisparityStatus,
+    PixelNoise,
+    saturated,
+)
 from .unmixing import ViewLight, reading
 from .windows import box
 
@@ -49,12 +58,8 @@ FARTHEST, SETTLED = 0.3, 0.1
 """Correction of a round at most [pitches]; change, over the standard error, that ends them."""
 FAINTEST = 0.1
 """Brightness over the mean below which noise does not fall."""
-LARGEST_SIGMA, LARGEST_CHI2, ALIKE = 0.3, 3.0, 9.0
-"""As of `estimate_disparity`, and chi-square between two disparities below which neither is the better."""
 MOST_STRAIN = 2.0
 """Chi-square of a window's microlenses about its disparity above which it sees a step; 1.9 by chance at one in 200."""
-CLIPPED = 0.05, 0.5
-"""Shares of a window's samples, and of a microlens's own, that are full from which these are why it has none."""
 
 
 def joint_disparities(
@@ -63,7 +68,7 @@ def joint_disparities(
     noise: PixelNoise,
     search: tuple[float, float],
     window: int,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Share = UNHEARD,
 ) -> DisparityMap:
     """Disparity of every microlens, by all samples and the texture that explains them best.
 
@@ -83,7 +88,7 @@ def joint_disparities(
         Told the share that is done.
     """
     lenses = field if field.hexagonal is None else field.hexagonal
-    full = full_samples(lenses.values, lenses.weight, noise)
+    full = saturated(lenses.values, lenses.weight, noise)
     rows, columns = (np.arange(size) for size in lenses.values.shape[2:])
     alike = light.nodes.rows.size * light.nodes.columns.size == 1
     pieces = [
@@ -162,8 +167,8 @@ def _judged(fitted: _Fitted, window: int, search: tuple[float, float], density: 
     status[fitted.margin < ALIKE] = DisparityStatus.AMBIGUOUS
     status[unsure] = DisparityStatus.NO_TEXTURE
     lit = (fitted.used > 0) | (fitted.full > 0)
-    clipped = (unsure | odd) & (box(fitted.full, window) > CLIPPED[0] * box(lit.astype(float), window))
-    status[clipped | (fitted.full > CLIPPED[1])] = DisparityStatus.SATURATED
+    clipped = (unsure | odd) & (box(fitted.full, window) > CLIPPED * box(lit.astype(float), window))
+    status[clipped | (fitted.full > CLIPPED_VIEWS)] = DisparityStatus.SATURATED
     status[~lit] = DisparityStatus.NO_LIGHT
     measured = status == DisparityStatus.MEASURED
     error = float(np.median(sigma[measured])) if measured.any() else math.inf
@@ -256,7 +261,7 @@ class _Joint:
         best = np.hypot(*np.moveaxis(every, -1, 0)).argmin(-1)
         return np.asarray(np.take_along_axis(every, best[..., None, None], 2)[:, :, 0])
 
-    def shown(self, disparities: Array, tell: Callable[[float], None]) -> Spectra:
+    def shown(self, disparities: Array, tell: Share) -> Spectra:
         """Waves as samples show them, shape (disparity, view, J, I // 2 + 1)."""
         field, cut = self.field, self.cells.cut
         images = MicrolensImages(panchromatic(self.light.camera), [self.at])
@@ -343,7 +348,7 @@ class _Joint:
 
     def fitted(
         self, search: tuple[float, float], window: int, known: dict[tuple[int, int], Spectra],
-        tell: Callable[[float], None],
+        tell: Share,
     ) -> _Fitted:  # fmt: skip
         """Disparities by a search and rounds of corrections; what samples show is `known` for some tori."""
         low, high = math.floor(search[0] / STEP) - 1, math.ceil(search[1] / STEP) + 1

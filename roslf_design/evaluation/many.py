@@ -117,8 +117,8 @@ def evaluate_many(
         progress("tracing", len(real), len(real))
     reasons = dict[str, str]()
     windowed = quantity_named("depth_window_mm")
-    windows = [float(windowed(camera, at)) for camera in cameras if FocusedArray.of(camera) is None]
-    notes.append(window_note(columns, windows))
+    seeing = [camera for camera in cameras if FocusedArray.of(camera) is None]
+    notes.append(window_note(columns, lambda: [float(windowed(camera, at)) for camera in seeing]))
     for row, (name, _) in enumerate(named):
         if words := _reason(used[row], cameras[row], known, {one: column[row] for one, column in columns.items()}, at):
             reasons[str(name)] = words

@@ -194,8 +194,8 @@ def sweep(
     own = tuple(float(focus_ahead(here) if place == AT else here[design.place_named(place)]) for place in axes)
     note = thin_lens_note([design], values, untraced="" if few else f"a sweep of up to {MOST_TRACED} points")
     with np.errstate(all="ignore"):
-        windows = of_points(quantity_named("depth_window_mm"), distances[0])
-    note = "; ".join(filter(None, [window_note(values, windows), note]))
+        unlike = window_note(values, lambda: of_points(quantity_named("depth_window_mm"), distances[0]))
+    note = "; ".join(filter(None, [unlike, note]))
     drawn = shaped(np.broadcast_to(valid, (len(distances), points)))
     return Sweep(axes, values, units, drawn, follows, at, own, note)
 

@@ -127,6 +127,11 @@ class DepthBudget:
         """The expanded uncertainty and its largest term, of one build."""
         return f"U = {self.expanded_words('± ')}, mostly {self.largest.name}"
 
+    @property
+    def no_depth(self) -> str:
+        """Words in place of U where that is as large as the distance, or infinite; empty where it is a number."""
+        return "" if self.expanded_mm < self.ahead_mm else self.expanded_words()
+
     def expanded_words(self, sign: str = "", digits: int = 3) -> str:
         """U with its unit, of one build."""
         return uncertainty(float(self.expanded_mm), digits, sign, self.ahead_mm)

@@ -14,6 +14,7 @@ from operator import attrgetter
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .._arrays import Array, product, ratio
 from ..bore.opening import ClearAperture
@@ -118,11 +119,13 @@ def thin_lens_note(designs: Iterable[Design], names: Iterable[str], *, untraced:
     ) + (f" ({untraced}, too)" if untraced and told else "")
 
 
-def window_note(names: Iterable[str], windows: Any) -> str:
+def window_note(names: Iterable[str], windows: Callable[[], ArrayLike]) -> str:
     """Words on windows of unlike size on the object [mm] that depths come from; empty where none is asked for."""
-    depths = [name for name in DEPTH_ERRORS if name in names]
-    known = np.ravel(windows)[np.isfinite(np.ravel(windows))]
-    if not depths or not known.size or np.ptp(known) <= ALIKE * known.max():
+    if not (depths := [name for name in DEPTH_ERRORS if name in names]):
+        return ""
+    every = np.ravel(windows())
+    known = every[np.isfinite(every)]
+    if not known.size or np.ptp(known) <= ALIKE * known.max():
         return ""
     ends = f"{number(float(known.min()), 3)} to {number(float(known.max()), 3)} mm"
     remedy = "choose depth.window so that it is alike"

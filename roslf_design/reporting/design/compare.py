@@ -88,7 +88,7 @@ def _figures(named: dict[str, Design], results: Sequence[Evaluation]) -> tuple[t
         "the focal planes. The lower curve resolves depth better there."
     )
     windows = {letter: float(quantity_named("depth_window_mm")(Camera.of(one))) for letter, one in named.items()}
-    if window_note(["u_z_mm"], list(windows.values())):
+    if window_note(["u_z_mm"], lambda: [*windows.values()]):
         each = listed([f"{letter} {number(window, 3)} mm" for letter, window in windows.items()])
         caption += f" One depth comes from windows of unlike size on the object, at the focal planes {each}: choose "
         caption += "depth.window so that it is alike."

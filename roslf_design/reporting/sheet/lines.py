@@ -466,12 +466,23 @@ def _expected_lines(budgets: Mapping[float | None, DepthBudget]) -> Iterator[_Sh
     """Lines on what a measured depth is to be believed to, on the axis, in the terms of the GUM."""
     budget = budgets[None]
     u, largest = float(budget.u_z_mm), budget.mostly
-    missing = "" if float(budget.expanded_mm) < budget.ahead_mm else budget.expanded_words()
     yield _SheetLine(
-        EXPECTED, f"{LEADS} {IN_FOCUS}, k = {COVERAGE}, {budget.lengths}", COVERAGE * u, "mm", largest, "", missing
+        EXPECTED,
+        f"{LEADS} {IN_FOCUS}, k = {COVERAGE}, {budget.lengths}",
+        COVERAGE * u,
+        "mm",
+        largest,
+        "",
+        budget.no_depth,
     )
     yield _SheetLine(
-        EXPECTED, f"standard uncertainty u {IN_FOCUS}, {budget.lengths}", u, "mm", "68 of 100 lie within", "", missing
+        EXPECTED,
+        f"standard uncertainty u {IN_FOCUS}, {budget.lengths}",
+        u,
+        "mm",
+        "68 of 100 lie within",
+        "",
+        budget.no_depth,
     )
     for term in budget.terms:
         if term.u_mm is not None and term.kind == "trueness":
@@ -479,8 +490,7 @@ def _expected_lines(budgets: Mapping[float | None, DepthBudget]) -> Iterator[_Sh
     for at, there in budgets.items():
         if at is not None:
             expanded, mostly = float(there.expanded_mm), there.mostly
-            missing = "" if expanded < at else there.expanded_words()
-            yield _SheetLine(EXPECTED, f"U at {number(at, 4)} mm", expanded, "mm", mostly, "", missing)
+            yield _SheetLine(EXPECTED, f"U at {number(at, 4)} mm", expanded, "mm", mostly, "", there.no_depth)
     if budget.left_out:
         yield _SheetLine(EXPECTED, "not in it", None, "", budget.left_out, "", "–")
 
@@ -749,7 +759,7 @@ def _answers(grounds: SpreadSources, lead: _SheetLine) -> Iterator[_SheetLine]:
             yield lead._replace(remark=f"{lead.remark}; {remark}")
             continue
         value = None if budget is None else float(budget.expanded_mm)
-        text = NONE if budget is None else "" if budget.expanded_mm < budget.ahead_mm else budget.expanded_words()
+        text = NONE if budget is None else budget.no_depth
         name = f"U {IN_FOCUS}, {CONDITIONS.get(lengths, f'uncalibrated, {lengths}')}"
         others.append(_SheetLine(EXPECTED, name, value, "mm", remark, "", text))
     yield from others
