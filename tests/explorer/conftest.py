@@ -87,7 +87,8 @@ class Window:
         self.hosts: set[str] = set()
         # Nothing moves by itself: what does is drawn sixty times a second for as long as it is waited for.
         self.context = chromium.new_context(color_scheme=theme, accept_downloads=True, reduced_motion="reduce")
-        self.context.set_default_timeout(30_000)
+        # Finds what hangs, not what is slow: two cores that compile all kernels take 20 s to the first answer.
+        self.context.set_default_timeout(120_000)
         self.page = self.context.new_page()
         self.page.on("console", lambda m: m.type in ("error", "warning") and self._complained(m.text))
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))

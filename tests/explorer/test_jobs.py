@@ -16,7 +16,7 @@ from roslf_design.progress import EnoughError
 from tests.explorer.work import die, double, refuse, stumble, wait_and_refuse_to_end, wait_for_ever
 
 
-def until(job, kind, seconds=30.0):
+def until(job, kind, seconds=120.0):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         state = job.poll()
@@ -48,7 +48,7 @@ def started(work, request):
     return job, child.pid
 
 
-def gone(pid, seconds=10.0):
+def gone(pid, seconds=60.0):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         try:
