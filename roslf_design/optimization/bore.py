@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import field_validator, model_validator
 
 from .._arrays import Array, by_value
 from ..camera import Camera
@@ -43,6 +44,15 @@ class StopTable(Opening):
     """Rim of the bore."""
 
     distance: Distance
+
+    @field_validator("decentre", "tilt", "bore", mode="after")
+    @classmethod
+    def _centred(cls, value: Any) -> Any:
+        if np.any(value):
+            raise ValueError(
+                "a bore is reduced to one stop on the axis; drop it, or put it into [[stops]] of the design"
+            )
+        return value
 
     def at(self, distance: float) -> Stop:
         """Rim of its shape at a distance [mm]."""

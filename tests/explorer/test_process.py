@@ -25,7 +25,7 @@ from tests.explorer.conftest import Explorer
 def asked(address, **headers):
     """Status and text of the answer to a plain request."""
     try:
-        with urllib.request.urlopen(urllib.request.Request(address, headers=headers), timeout=10) as answer:
+        with urllib.request.urlopen(urllib.request.Request(address, headers=headers), timeout=60) as answer:
             return answer.status, answer.read().decode()
     except urllib.error.HTTPError as error:
         with error:
@@ -129,7 +129,7 @@ def test_a_host_is_read_strictly(explorer):
 def test_of_several_hosts_none_is_taken(explorer):
     port = int(explorer.address.rsplit(":", 1)[1].strip("/"))
     for second in ("evil.example", f"127.0.0.1:{port}"):
-        with socket.create_connection(("127.0.0.1", port), timeout=10) as connection:
+        with socket.create_connection(("127.0.0.1", port), timeout=60) as connection:
             connection.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nHost: {second}\r\n\r\n".encode())
             assert connection.recv(100).split()[1] in (b"400", b"403")
 
@@ -143,7 +143,7 @@ def test_what_is_no_message_ends_its_connection_and_no_other(explorer, message):
             client.ws_connect(f"{explorer.address}ws") as connection,
         ):
             await (connection.send_str(message) if isinstance(message, str) else connection.send_bytes(message))
-            answer = await connection.receive(timeout=10)
+            answer = await connection.receive(timeout=60)
             return answer.type, connection.close_code, other.closed
 
     assert asyncio.run(send()) == (aiohttp.WSMsgType.CLOSE, aiohttp.WSCloseCode.UNSUPPORTED_DATA, False)
@@ -201,7 +201,7 @@ def tabs_go_in_the_midst_of_an_answer(address):
         asyncio.run(connect_and_break(moment))
         request_and_break("/vtk/trame-vtk.js")
         request_and_break("/ws", key)
-    with socket.create_connection(("127.0.0.1", port), timeout=10) as connection:
+    with socket.create_connection(("127.0.0.1", port), timeout=60) as connection:
         connection.sendall(b"no request\r\n\r\n")
         assert connection.recv(100).split()[1] == b"400"
     assert asked(address)[0] == 200

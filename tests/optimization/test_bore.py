@@ -159,6 +159,18 @@ def test_a_cone_is_its_two_ends_as_what_passes_both_passes_its_wall():
         BoreTable.model_validate({"tube": square}, context={"from_file": True})
 
 
+@pytest.mark.parametrize(
+    "key, value", [("decentre", ["0.1 mm", "0 mm"]), ("tilt", ["0 mrad", "2 mrad"]), ("bore", True)]
+)
+@pytest.mark.parametrize("part", ["tube", "stops"])
+def test_what_no_centred_stop_stands_for_is_refused(part, key, value):
+    rim = {"diameter": "3 mm", "distance": "50 mm", key: value}
+    table = {"tube": {**rim, "length": "20 mm"}} if part == "tube" else {"stops": [rim]}
+    with pytest.raises(ValidationError, match="a bore is reduced to one stop on the axis") as fault:
+        BoreTable.model_validate(table, context={"from_file": True})
+    assert key in fault.value.errors()[0]["loc"]
+
+
 def test_a_bore_beyond_the_focal_plane_is_refused():
     with pytest.raises(ValueError, match="in the bore"):
         reduce_bore(PAPER, tube_rims(8.0, 400.0, 10.0))
