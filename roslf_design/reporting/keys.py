@@ -118,35 +118,7 @@ class KeyTable(NamedTuple):
 
     def rows(self) -> list[FileKey]:
         """Every key, in the order of the code."""
-        texts = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
-        own = {
-            name: text for kind in reversed(self.model.__mro__) for name, text in texts.get(kind.__name__, {}).items()
-        }
-        own |= texts.get(self.heading.strip("`"), {})
-        fields = self.model.model_fields.items()
-        words = descriptions(self.model) | own
-        hints = get_type_hints(self.model, include_extras=True)
-        keys = []
-        for name, field in fields:
-            called = field.alias or name
-            if name == KIND and get_origin(hints[name]) is Literal and len(get_args(hints[name])) == 1:
-                keys.append(FileKey(called, f'`"{get_args(hints[name])[0]}"`', NEEDED, "which of these it is"))
-                continue
-            if name not in words:
-                raise UndescribedError(
-                    f"{self.model.__name__}.{name} is described neither in the code nor in keys.toml"
-                )
-            default = NEEDED
-            if not field.is_required():  # a default that is validated stands for what is given elsewhere
-                other = field.validate_default
-                default = INSTEAD if other else _default(field.get_default(call_default_factory=True), hints[name])
-            # In a file a length carries its own unit.
-            meaning = re.sub(r" ?\[(mm|rad|lx|s|W/m\^2/sr|degrees C)\]", "", words[name])
-            meaning = re.sub(r"\bNone\b", "left out", re.sub(r"(?<=\. )None\b", "Left out", meaning)).strip(" .")
-            meaning = f"{meaning or name.replace('_', ' ').capitalize()}."
-            limits = "" if get_origin(hints[name]) is Annotated else _limits(field.metadata)
-            keys.append(FileKey(called, f"{_takes(hints[name])} {limits}".rstrip(), default, meaning))
-        return keys
+        return list(_rows(self))
 
 
 _ELEMENTS = {get_args(kind.model_fields[KIND].annotation)[0]: kind for kind in get_args(get_args(AnyElement)[0])}
@@ -301,6 +273,42 @@ def descriptions(kind: type) -> dict[str, str]:
         if base.__module__.startswith("roslf_design"):
             texts |= _texts_below(base.__module__).get(base.__qualname__, {})
     return texts
+
+
+@cache
+def _rows(table: KeyTable) -> tuple[FileKey, ...]:
+    """Every key, in the order of the code."""
+    texts = _texts_beside()
+    own = {name: text for kind in reversed(table.model.__mro__) for name, text in texts.get(kind.__name__, {}).items()}
+    own |= texts.get(table.heading.strip("`"), {})
+    fields = table.model.model_fields.items()
+    words = descriptions(table.model) | own
+    hints = get_type_hints(table.model, include_extras=True)
+    keys = []
+    for name, field in fields:
+        called = field.alias or name
+        if name == KIND and get_origin(hints[name]) is Literal and len(get_args(hints[name])) == 1:
+            keys.append(FileKey(called, f'`"{get_args(hints[name])[0]}"`', NEEDED, "which of these it is"))
+            continue
+        if name not in words:
+            raise UndescribedError(f"{table.model.__name__}.{name} is described neither in the code nor in keys.toml")
+        default = NEEDED
+        if not field.is_required():  # a default that is validated stands for what is given elsewhere
+            other = field.validate_default
+            default = INSTEAD if other else _default(field.get_default(call_default_factory=True), hints[name])
+        # In a file a length carries its own unit.
+        meaning = re.sub(r" ?\[(mm|rad|lx|s|W/m\^2/sr|degrees C)\]", "", words[name])
+        meaning = re.sub(r"\bNone\b", "left out", re.sub(r"(?<=\. )None\b", "Left out", meaning)).strip(" .")
+        meaning = f"{meaning or name.replace('_', ' ').capitalize()}."
+        limits = "" if get_origin(hints[name]) is Annotated else _limits(field.metadata)
+        keys.append(FileKey(called, f"{_takes(hints[name])} {limits}".rstrip(), default, meaning))
+    return tuple(keys)
+
+
+@cache
+def _texts_beside() -> dict[str, dict[str, str]]:
+    """Texts of ``keys.toml``, by the class or the heading."""
+    return tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
 
 @cache
