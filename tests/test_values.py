@@ -12,6 +12,7 @@ import contextlib
 import copy
 import dataclasses
 import enum
+import functools
 import importlib
 import inspect
 import json
@@ -80,6 +81,7 @@ NAMES = {cls.__name__: cls for cls in CLASSES.values()}
 VALUES = {name: cls for name, cls in CLASSES.items() if is_value(cls)}
 
 
+@functools.cache
 def hints(cls: type) -> dict[str, Any]:
     """Types of the fields that a value consists of."""
     if dataclasses.is_dataclass(cls):
@@ -171,6 +173,7 @@ def pair(cls: type, depth: int = 0) -> tuple[Any, Any]:
     return tuple(make(cls, {name: values[k] for name, values in both.items()}) for k in (0, 1))
 
 
+@functools.cache
 def both_of(cls: type, depth: int = 0) -> dict[str, tuple[Any, Any]]:
     """Two samples of every field."""
     if cls is Camera:

@@ -23,14 +23,19 @@ def speculum():
 
 
 def passing(design, c, profile, count=400_001):
-    """Share of the rays of a pinhole microlens at c that pass the FAP, so many thin stops, and the ideal lens."""
+    """Share of the rays of a pinhole microlens at c that pass the FAP, so many thin stops, and the ideal lens.
+
+    A stop is seen from the point that the microlens looks at as a disc in the FAP's plane, aside and larger or smaller.
+    """
     k = np.arange(count) + 0.5
     radius, turn = design.D_F / 2 * np.sqrt(k / count), k * np.pi * (3 - np.sqrt(5))
-    fap = np.stack([radius * np.cos(turn), radius * np.sin(turn)])
-    point = np.array([[-c * design.d_f / design.d_1], [0.0]])
+    x, square = radius * np.cos(turn), radius**2
+    point, d_f, d_3 = -c * design.d_f / design.d_1, design.d_f, design.d_3
     kept = np.ones(count, bool)
     for z, half in (*profile, (0.0, design.D / 2)):
-        kept &= np.hypot(*(point + (fap - point) * (design.d_f - z) / (design.d_f - design.d_3))) <= half
+        scale = (d_f - z) / (d_f - d_3)
+        aside = point * (1 - scale) / scale
+        kept &= square + 2 * aside * x <= (half / scale) ** 2 - aside**2
     return kept.mean()
 
 
