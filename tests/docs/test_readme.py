@@ -18,16 +18,17 @@ sys.path.insert(0, os.path.dirname(__file__))
 from pages import blocks, run, thin_out
 
 from roslf_design.cli import COMMANDS
+from roslf_design.commands import warm
 from roslf_design.optimization import robust
 from studies.accuracy import hard_rows
 from tests.depth.made import at_first_sight
-from tests.reporting.made import few_waves
+from tests.reporting.made import few_waves, without_figures
 
 SERVES = ("explore",)
 """Commands that run until they are stopped; README may leave them out."""
 STUDIES = ("study.toml", "optimize.toml", "tolerance.toml", "story.toml")
 THINNER = (
-    (r"(?m)^trials = .*$", "trials = 200"),
+    (r"(?m)^trials = .*$", "trials = 64"),
     (r"(?m)^sobol_samples = .*$", "sobol_samples = 0"),
     (r"(?m)^points = .*$", "points = 3"),
     # Predicted depth precision is a hundred times the work of all else; `tests/tolerancing` holds it.
@@ -46,7 +47,7 @@ THINNER = (
     ),
     (r'(?m)^take = "parts-\d+"', 'take = "parts-01"'),
     (r"(?m)^\[solver\]\nstarts = .*\n\n", ""),
-    (r"(?m)^\[variables\]", "[solver]\nstarts = 2\nevaluations = 100\ncheck = false\n\n[variables]"),
+    (r"(?m)^\[variables\]", "[solver]\nstarts = 1\nevaluations = 40\ncheck = false\n\n[variables]"),
 )
 
 
@@ -73,6 +74,8 @@ def project(root, tmp_path, monkeypatch, near_light, few_rays, found_once):
     monkeypatch.setenv("COLUMNS", "120")
     thin_out(monkeypatch)
     few_waves(monkeypatch)
+    without_figures(monkeypatch)
+    monkeypatch.setattr(warm, "SMALL", 40)  # what is compiled does not hang on it
     at_first_sight(monkeypatch)
     monkeypatch.setattr(robust, "SHARP", robust.SHARP[:1])
     few = [case for case in hard_rows.all_cases() if case.name in ("d_1 → f", "discs near tangency")]
