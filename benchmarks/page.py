@@ -54,9 +54,11 @@ BARS = "processor seconds of all threads, kernels compiled and bytecode written 
 CLUSTER = {"trials": 1e9, "cores": 100}
 """A study that is only computed."""
 STYLE = (
-    "body{margin:2rem auto;max-width:62rem;padding:0 1rem;font:1rem/1.5 system-ui,sans-serif;color:#1a1a1a}"
-    "table{border-collapse:collapse;width:100%}th,td{text-align:left;vertical-align:top;padding:.2rem .8rem .2rem 0;"
-    "border-bottom:1px solid #ddd}small{color:#555}"
+    "body{margin:2rem auto;max-width:62rem;padding:0 1rem;font:1rem/1.5 system-ui,sans-serif;color:#1a1a1a;"
+    "overflow-wrap:break-word}table,figure{display:block;overflow-x:auto;margin:0}table{border-collapse:collapse}"
+    "th,td{text-align:left;vertical-align:top;min-width:6em;padding:.2rem .8rem .2rem 0;border-bottom:1px solid #ddd}"
+    "@media screen and (prefers-color-scheme:dark){:root{color-scheme:dark}body{background:#171b21;color:#e6e9ed}"
+    "th,td{border-color:#3d454d}}small{opacity:.8}"
 )
 
 
@@ -188,7 +190,9 @@ def with_table(readme: str, table: str) -> str:
 def page(parts: Mapping[str, Sequence[Row]], machine: Mapping[str, Any]) -> str:
     """Everything, as one HTML file."""
     text = [
-        f'<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>Benchmarks</title><style>{STYLE}</style>',
+        '<!DOCTYPE html><html lang="en"><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>Benchmarks</title><style>{STYLE}</style>",
         f"<h1>Benchmarks</h1><p>{html.escape(heading(machine))} Load {machine['load']} before. Medians, with the range",
         "of all runs. Other programs run in turn with this one, one thread each, in processor time",
         "(beside each its ratio to the wall's: above 1, more threads were at work), once their answers agree, or with",
@@ -243,7 +247,9 @@ def _scaling(rows: Sequence[Row], trials: Sequence[Row]) -> list[str]:
         "<p>Processor time of the work alone, all threads, in a process that did a small size before; memory of",
         "the whole process. Exponents of time over size by a line through logarithms, with its standard error, and",
         "between the two largest sizes.</p>",
-        growth_picture(rows).svg() if any(side.processor for row in rows for side in row.sides) else "",
+        f"<figure>{growth_picture(rows).svg()}</figure>"
+        if any(side.processor for row in rows for side in row.sides)
+        else "",
         "<table><tr><th>what<th>size: processor time<th>grows as<th>most memory, smallest to largest",
     ]
     for row in rows:

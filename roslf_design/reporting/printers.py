@@ -20,6 +20,7 @@ import numpy as np
 
 from ..drawing.picture import PAGE
 from ..drawing.solid import library, viewer
+from ..drawing.theme import THEMES
 from ..drawing.typeset import page_of, typeset, typesetter
 from ..errors import expect
 from ..tables import csv_bytes
@@ -86,8 +87,14 @@ def _environment() -> Environment:
     environment.filters["data_uri"] = lambda png: "data:image/png;base64," + base64.b64encode(png).decode()
     environment.filters["kind"] = lambda block: type(block).__name__.lower()
     environment.tests["drawing"] = lambda content: isinstance(content, str)
-    environment.globals["marks"] = MARKS
+    environment.tests["themed"] = _themed
+    environment.globals |= {"marks": MARKS, **THEMES}
     return environment
+
+
+def _themed(svg: str) -> bool:
+    """Whether a drawing has the theme's colours alone, which another theme has, too; pictures have their own."""
+    return "<image" not in svg and {*re.findall('="(#[^"]*)"', svg)} <= {*THEMES["light"]}
 
 
 def render_pdf(report: Report, paper: Paper = "a4") -> bytes:

@@ -7,17 +7,20 @@ import io
 import re
 import shutil
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from roslf_design.design import load
 from roslf_design.drawing.solid import library
-from roslf_design.reporting.blocks import Figure, Report, Section
+from roslf_design.reporting.blocks import Bullets, Figure, Paragraph, Report, Section
 from roslf_design.reporting.design.curves import depth_precision
 from roslf_design.reporting.design.figures import _picture_sheet
 from roslf_design.reporting.printers import render_html
+from roslf_design.reporting.story import full_report
 
+REPOSITORY = Path(__file__).parents[2]
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = (
     *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-sync"),
@@ -81,6 +84,53 @@ def test_the_page_turns_the_scene_in_a_browser_without_a_network(tmp_path, brows
     assert [url for url in asked if not url.startswith(("file:", "blob:", "data:", "about:"))] == []
 
 
+FAINT = """() => {
+  const rgb = text => (text.match(/[\\d.]+/g) || [0, 0, 0, 0]).map(Number);
+  const light = ([r, g, b]) => [r, g, b].map(v => v / 255)
+    .map(v => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+    .reduce((sum, v, k) => sum + v * [0.2126, 0.7152, 0.0722][k], 0);
+  const ground = element => {
+    for (let e = element; e; e = e.parentElement) {
+      const drawn = e.tagName === "svg" && e.querySelector(":scope > rect");
+      const colour = rgb(drawn ? getComputedStyle(drawn).fill : getComputedStyle(e).backgroundColor);
+      if (colour.length === 3 || colour[3] > 0) return colour;
+    }
+    return [255, 255, 255];
+  };
+  const own = e => [...e.childNodes].some(n => n.nodeType === 3 && n.data.trim());
+  return [...document.body.querySelectorAll("*:not(script, style, title)")].filter(own).map(e => {
+    const style = getComputedStyle(e);
+    const two = [light(rgb(e.closest("svg") ? style.fill : style.color)), light(ground(e))];
+    return [(Math.max(...two) + 0.05) / (Math.min(...two) + 0.05), e.textContent.trim().slice(0, 40)];
+  }).filter(([contrast]) => contrast < 4.5);
+}"""
+"""Texts of a page whose contrast, by WCAG 2, is below 4.5, with it."""
+WRITTEN = sorted(REPOSITORY.glob("reports/*/index.html"))
+
+
+def test_pages_keep_to_a_phone_follow_a_dark_screen_and_print_light(tmp_path, browser, few_builds):
+    # A name without a space, as addresses and files are: what made a page wider than the screen.
+    long = Report("a", "", (Section("Parts", (Bullets(("x" * 200,)), Paragraph("y" * 200))),))
+    (tmp_path / "long.html").write_text(render_html(long))
+    (tmp_path / "paper.html").write_text(render_html(full_report(load("paper"), command="roslf report paper")))
+    page = browser.new_page(viewport={"width": 390, "height": 844}, color_scheme="dark")
+    for path in (tmp_path / "long.html", tmp_path / "paper.html", *WRITTEN):
+        page.goto(path.as_uri())
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390, path
+        letters = (
+            "Math.min(...[...document.querySelectorAll('.drawing text')].map(e => e.getBoundingClientRect().height))"
+        )
+        assert page.evaluate(letters) > 9, path
+        assert page.evaluate(FAINT) == [], path
+        assert sum(map(int, page.evaluate(GROUND))) < 120, path
+        page.emulate_media(media="print")
+        assert sum(map(int, page.evaluate(GROUND))) in (0, 765), path  # transparent, or white
+        assert page.evaluate(FAINT) == [], path
+        page.emulate_media(media="screen")
+    page.close()
+
+
+GROUND = "getComputedStyle(document.body).backgroundColor.match(/\\d+/g).slice(0, 3)"
 ATTACKS = (
     '<script>document.title = "attacked";</script>',
     '<img src="data:," onerror="document.title = &quot;attacked&quot;">',
