@@ -89,6 +89,21 @@ def number(value: float, digits: int = 5, zero: float = ROUNDING) -> str:
     return f"{float(text):.0f}" if "e+0" in text and abs(float(text)) < 1e5 else text
 
 
+def lux(illuminance: float) -> str:
+    """An illuminance [lx]: "100,000 lx"."""
+    return f"{illuminance:,.0f} lx" if illuminance >= 1e4 else f"{number(illuminance, 4)} lx"
+
+
+def within(sigma: float, sign: str = "") -> str:
+    """A standard deviation in words, for what is known better than anybody reads it, too."""
+    return f"{sign}{sigma:.2g}" if sigma >= 1e-4 or sigma == 0 else f"better than {sign}0.0001"
+
+
+def apart(share: float) -> str:
+    """How much two numbers differ, relative to them, in words: "in the last digits" where that is all."""
+    return "in the last digits" if abs(share) < 1e-9 else f"by up to {share:.1g}"
+
+
 def on_side(value: float, up: bool, digits: int = 5) -> str:
     """Digits of a number that are not less than it, or else not more: a limit that they meet, it meets."""
     if not math.isfinite(value) or abs(value) < ROUNDING:

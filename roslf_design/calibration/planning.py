@@ -16,7 +16,7 @@ from ..design import Design
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.length_covariance import CalibratedLengths
 from ..theory.vignetting import lit_radius
-from ..words import sentence
+from ..words import sentence, within
 from .corner_statistics import StatisticsFit, corner_statistics, fit_at
 from .corners import LEAST_CELL
 from .epilines import fit_lines
@@ -344,11 +344,11 @@ class CapturePlan(NamedTuple):
         best = self.changes[0]
         before, after = self.expected.sigma, best.expected.sigma
         gains = [
-            f"{name} to ±{after[name]:.2g}{unit} instead of ±{before[name]:.2g}{unit}"
+            f"{name} to {within(after[name], '±')}{unit} instead of {within(before[name], '±')}{unit}"
             for name, unit in (("d_3", " mm"), ("H", ""))
             if self.determined(name) and best.gain(self.expected, name) >= LEAST_GAIN
         ]
-        gains = gains or [f"d_3 to ±{after['d_3']:.2g} mm"]
+        gains = gains or [f"d_3 to {within(after['d_3'], '±')} mm"]
         return sentence(f"{best.what}: {', '.join(gains)}")
 
     def to_dict(self, design: str, seed: int) -> dict[str, object]:

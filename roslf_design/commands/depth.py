@@ -109,9 +109,10 @@ def depth(
         .png); or decoded views: a folder of pictures named by row and column, or a .mat file of LFToolbox.
     output
         Folder for index.html, depth.json, pictures, tables/ (CSV) and maps, made if needed: depth.tif (Z from the main
-        lens in mm, 0 where unknown), sigma.tif (its standard error), status.tif (0 where measured, else why not:
-        depth.json names the numbers), dense.tif and dense_sigma.tif (the same, filled where unknown, with a larger
-        error). Default: only print.
+        lens in mm as depth_mm of depth.json, not from the tip as pages and words: the file's description says where the
+        tip is; 0 where unknown), sigma.tif (its standard error), status.tif (0 where measured, else why not: depth.json
+        names the numbers), dense.tif and dense_sigma.tif (the same, filled where unknown, with a larger error).
+        Default: only print.
     region
         Only a part of the sensor, as column,row,columns,rows in pixels. Default: a strip across its middle. Of a raw
         image: which part of the sensor it shows, where that is not all.
@@ -191,19 +192,23 @@ def _is_capture(subject: str) -> bool:
 def _maps(trial: Measurement) -> dict[str, bytes]:
     """Maps of the first exposure as TIFF files, rows along y, one pixel a microlens."""
     run = trial.first
-    known = run.measured
+    known, unit, tip = run.measured, run.geometry.unit, run.geometry.tip
+    what = "Z from the main lens [mm]" if unit == "mm" else f"disparity [{unit}]"
+    if tip:
+        what += f"; ahead of the tip, as pages count, it is {tip:.6g} mm less"
+    what += "; 0 where unknown"
     return {
-        "depth.tif": _tiff(np.where(known, run.depth, 0.0).astype(np.float32)),
+        "depth.tif": _tiff(np.where(known, run.depth, 0.0).astype(np.float32), what),
         "sigma.tif": _tiff(np.where(known, run.sigma, 0.0).astype(np.float32)),
         "status.tif": _tiff(run.status),
-        "dense.tif": _tiff(np.nan_to_num(run.dense, nan=0.0).astype(np.float32)),
+        "dense.tif": _tiff(np.nan_to_num(run.dense, nan=0.0).astype(np.float32), what),
         "dense_sigma.tif": _tiff(np.nan_to_num(run.dense_sigma, posinf=0.0).astype(np.float32)),
     }
 
 
-def _tiff(values: NDArray[Any]) -> bytes:
+def _tiff(values: NDArray[Any], what: str | None = None) -> bytes:
     import tifffile
 
     stream = io.BytesIO()
-    tifffile.imwrite(stream, values, photometric="minisblack", metadata=None, software="roslf")
+    tifffile.imwrite(stream, values, photometric="minisblack", description=what, metadata=None, software="roslf")
     return stream.getvalue()

@@ -60,6 +60,8 @@ Flags = NDArray[np.bool_]
 
 SEEN, BLACK = 2.0, 0.01
 """Microlenses a period below which texture aliases; share of it that may be black, cut off where no light is."""
+EXACTLY, ABOUT = 1.001, 1.03
+"""How many times finer a texture is counted as at that edge: by rounding alone, and not surely beyond it."""
 HELD = 0.9
 """Part of the full well that the brightest pixels may hold: light of images that overlap adds up."""
 MARGIN = 0.5
@@ -347,7 +349,9 @@ class Trial(Measurement):
     brightest: float
     """Electrons over the full well of the brightest pixels, but for one in a thousand."""
     aliased: float
-    """Share of the field whose texture is finer than two microlenses."""
+    """Share of the field whose texture is finer than two microlenses, by more than `ABOUT`."""
+    edge: float
+    """Share of it where it is as fine as about two."""
     texture: Design
     """The design with the texture that errors are predicted for, as `assumed`."""
 
@@ -402,6 +406,7 @@ class Trial(Measurement):
             "summary": plain(self.summary()) | {"unknown": self.unknown()},
             "saturated": self.saturated,
             "aliased": self.aliased,
+            "about_two_microlenses": self.edge,
             "assumes": self.assumes(),
             "sphere": None if self.sphere is None or self.ball is None else self.sphere.to_dict(self.ball.radius),
             "points": list(sampled(first, self.true, POINTS)),
@@ -478,14 +483,14 @@ def measure(
 
 def _aliased(
     camera: Camera, traced: TracedViews | None, field: LightField, texture: Noise | None, true: Array
-) -> float:
-    """Share of a field in which a texture's finest detail has fewer than `SEEN` microlenses a period.
+) -> tuple[float, float]:
+    """Shares of a field in which a texture's finest detail has fewer than `SEEN` microlenses a period, and about these.
 
     Edges of what is black are detail half as fine. Neighbours across a step are not of one surface: on each side the
     nearer one tells how far apart microlenses look.
     """
     if texture is None or min(true.shape) < 2:
-        return 0.0
+        return 0.0, 0.0
     x, y, along, down = chief_rays(camera, traced, places_on_array(camera, field).reshape(-1, 2)).T.reshape(
         4, *true.shape
     )
@@ -497,9 +502,11 @@ def _aliased(
         apart = np.maximum(apart, np.fmin(before, behind))
     if min(true.shape) > 2:  # the outermost have a neighbour on one side alone
         apart = apart[1:-1, 1:-1]
-    known = np.isfinite(apart)
-    finest = texture.finest * 1.001 / (2 if texture.black > BLACK else 1)
-    return float((apart[known] * SEEN > finest).mean()) if known.any() else 0.0
+    finer = apart[np.isfinite(apart)] * SEEN / (texture.finest / (2 if texture.black > BLACK else 1))
+    if not finer.size:
+        return 0.0, 0.0
+    beyond, there = (float((finer > ends).mean()) for ends in (ABOUT, EXACTLY))
+    return beyond, there - beyond
 
 
 def simulate(
@@ -597,7 +604,7 @@ def simulate(
     return Trial(
         tuple(runs), true, _predict(texture, runs[0].field, true, actual.traced), scene, part,
         believed, mean, picture, white, viewing, float((exposed >= 1).mean()), float(np.quantile(exposed, 0.999)),
-        _aliased(camera, actual.traced, runs[0].field, _texture_of(scene), true), texture,
+        *_aliased(camera, actual.traced, runs[0].field, _texture_of(scene), true), texture,
     )  # fmt: skip
 
 

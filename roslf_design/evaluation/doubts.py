@@ -18,7 +18,7 @@ from ..theory.light import outer_slope, sensor_field
 from ..theory.photometry import EFFICACY, LARGEST_FILL, accepted, electrons, exposure, eye_response, response
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import FEASIBLE
-from ..words import length, listed, number, percent, place
+from ..words import length, listed, lux, number, percent, place
 from .groups import Field
 
 LEAST_SEEN, UNSEEN = 0.5, 1e-3
@@ -51,7 +51,7 @@ def _lux_doubt(design: Design) -> str:
     watts = light.illuminance * light.reflectance / (math.pi * EFFICACY * max(seen, UNSEEN))
     told = f'; as a luxmeter reads that light alone, radiance = "{number(watts, 2)} W/m2/sr"' * (seen > UNSEEN)
     return (
-        f"{number(light.illuminance, 4)} lx count as light of 555 nm, 683 lm/W, and at {1e6 * design.wavelength:.4g} "
+        f"{lux(light.illuminance)} count as light of 555 nm, 683 lm/W, and at {1e6 * design.wavelength:.4g} "
         f"nm the eye sees {few}: electrons and depth noise are those of that many watts. State light.radiance{told}"
     )
 
@@ -82,9 +82,10 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
     if environment is not None and {environment.temperature, *(environment.range or ())} != {ROOM}:
         if silent := not_named(design):
             keys = dict.fromkeys(NAMED_AT.get(name, "material in [[elements]]") for name in silent)
+            whose = "its" if len(silent) == 1 else "their"
             yield (
-                f"nothing says how {listed([*silent])} would grow with temperature, so their lengths stay as the file "
-                f"has them: name what they are of ({'; '.join(keys)})"
+                f"nothing says how {listed([*silent])} would grow with temperature, so {whose} lengths "
+                f"stay as the file has them: name what they are of ({'; '.join(keys)})"
             )
         if unknown := [f"the glass with {name}" if name[:4] == "n = " else name for name in not_known(design)]:
             yield f"how the index of {listed(unknown)} changes with temperature is not known; it stays"

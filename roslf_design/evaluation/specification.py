@@ -28,7 +28,7 @@ from ..theory.limits import as_design
 from ..theory.photometry import electrons, exposure, through_filter
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
-from ..words import clauses, number
+from ..words import clauses, lux, number
 from .field_images import FieldImages, FieldOfView, FieldPoint, ObjectField, corner
 from .groups import DepthAssumptions
 from .resolved import Place, Resolved, known, resolved
@@ -311,7 +311,7 @@ def _sharp(camera: Camera, kind: Kind) -> tuple[float, float]:
 def _light_words(light: Light) -> tuple[str, str]:
     """Light on the scene, and how it goes with distance, in words."""
     on_scene = (
-        f"{number(light.illuminance, 4)} lx, reflectance {number(light.reflectance, 3)}"
+        f"{lux(light.illuminance)}, reflectance {number(light.reflectance, 3)}"
         if light.radiance is None
         else f"radiance {number(light.radiance, 4)} W/m²/sr"
     )

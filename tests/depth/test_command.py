@@ -65,6 +65,12 @@ def test_maps_agree_with_points(written):
     # Floats of 32 bits; fewer points than would be thinned out.
     for key, drawn in (("depth_mm", depth), ("sigma_mm", sigma)):
         np.testing.assert_allclose([point[key] for point in data["points"]], drawn[status == 0], rtol=1e-6)
+    for name in ("depth", "dense"):  # pages count from the tip, and so the file says where that is
+        with tifffile.TiffFile(folder / f"{name}.tif") as file:
+            assert file.pages[0].description == (
+                f"Z from the main lens [mm]; ahead of the tip, as pages count, it is {data['tip_mm']:g} mm less; "
+                "0 where unknown"
+            )
     assert data["status"]["0"] == DisparityStatus.MEASURED.reason
     assert {str(code) for code in np.unique(status)} <= set(data["status"])
 

@@ -270,12 +270,16 @@ def test_texture_too_fine_is_called_aliasing(monkeypatch):
     fewer_rays(monkeypatch)
     at_first_sight(monkeypatch)
     # Of 0.3 in each octave a twelfth is black: its edges are twice as fine.
-    for periods, contrast, share in ((1.8, 0.15, 1.0), (2.2, 0.15, 0.0), (3.6, 0.3, 1.0), (4.4, 0.3, 0.0)):
+    for periods, contrast, share, edge in (
+        *((1.8, 0.15, 1.0, 0.0), (1.985, 0.15, 0.0, 1.0), (2.2, 0.15, 0.0, 0.0)),
+        *((3.6, 0.3, 1.0, 0.0), (4.4, 0.3, 0.0, 0.0)),
+    ):
         texture = {"kind": "noise", "finest": periods * step, "contrast": contrast, "seed": 1}
         scene = make_scene({"objects": [{"kind": "plane", "distance": design.d_f, "texture": texture}]})
         trial = simulate(design, scene, part)
-        assert trial.aliased == share
-        assert any("aliases" in line.text for line in statements(trial)) == (share > 0)
+        assert (trial.aliased, trial.edge) == (share, edge)
+        assert any("field it aliases" in line.text for line in statements(trial)) == (share > 0)
+        assert any("about two microlenses a period" in line.text for line in statements(trial)) == (edge > 0)
         assert any("black" in line.text for line in statements(trial)) == (share > 0 and contrast > 0.2)
 
 

@@ -24,6 +24,7 @@ def measured(windows, spread=0.010, inside=0.68, bias=0.0, tail=0.0, runs=1):
         ),
         saturated=0.0,
         aliased=0.0,
+        edge=0.0,
         believed=None,
         raw=SimpleNamespace(design=None),
         scene=WHITE_FIELD,

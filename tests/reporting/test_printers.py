@@ -29,7 +29,7 @@ from roslf_design.reporting.printers import render_pdf
 from roslf_design.tables import print_table
 from roslf_design.theory.quantities import QUANTITIES, in_words
 from roslf_design.tolerancing.metrics import METRICS
-from roslf_design.words import about_time, length, number, place, rounded, sentence, spans, to_html
+from roslf_design.words import about_time, apart, length, lux, number, place, rounded, sentence, spans, to_html, within
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt"><text y="9">word</text></svg>'
 NASTY = '#panic("no") $x$ *a* _b_ \\ "quoted" <label> @ref #eval("1") [c]'
@@ -347,3 +347,9 @@ def test_text_goes_before_a_figure_that_does_not_fit_the_page(tmp_path):
     rest = "\f".join(others)
     order = [rest.index(words) for words in ("figure a", "Two", "the next", "figure b", "figure c")]
     assert order == sorted(order)
+
+
+def test_what_people_read_has_no_powers_of_ten():
+    assert [lux(value) for value in (1e5, 12345.6, 300.0)] == ["100,000 lx", "12,346 lx", "300 lx"]
+    assert [within(value, "±") for value in (0.0123, 4.5e-9)] == ["±0.012", "better than ±0.0001"]
+    assert [apart(value) for value in (4.4e-16, 2e-3)] == ["in the last digits", "by up to 0.002"]

@@ -8,6 +8,7 @@ from ...bench.boards import NextPose
 from ...bench.captures import KINDS
 from ...bench.check import BenchCheck, ImageCheck
 from ...bench.protocol import BRIGHT
+from ...words import within
 from ..blocks import Block, Paragraph, Report, Section, Statement, Statements, Table
 from .protocol import placed_at, tilted
 
@@ -55,7 +56,7 @@ def summary(check: BenchCheck) -> tuple[Statement, ...]:
 
 
 def _known(sigma: dict[str, float]) -> str:
-    return f"H to ±{sigma['H']:.2g}, d_3 to ±{sigma['d_3']:.2g} mm"
+    return f"H to {within(sigma['H'], '±')}, d_3 to {within(sigma['d_3'], '±')} mm"
 
 
 def _next(best: NextPose) -> str:

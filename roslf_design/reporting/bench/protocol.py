@@ -13,7 +13,7 @@ from ...lenses.glass import AIR
 from ...theory.depth_budget import depth_budget
 from ...theory.depth_error import temperatures_met
 from ...theory.photometry import exposure
-from ...words import listed
+from ...words import listed, within
 from ..blocks import Bullets, Paragraph, Report, Section, Table
 from ..calibrate.pages import cover_statement
 
@@ -136,8 +136,8 @@ def _without_wall(protocol: Protocol) -> str:
 def _promise(protocol: Protocol) -> str:
     sigma, board = protocol.plan.expected.sigma, protocol.setup.board
     return (
-        f"Board {board.cells}, {len(protocol.setup.poses)} images: H to ±{sigma['H']:.2g}, d_3 to"
-        f" ±{sigma['d_3']:.2g} mm (one sigma, data sheet's errors in it)."
+        f"Board {board.cells}, {len(protocol.setup.poses)} images: H to {within(sigma['H'], '±')}, d_3 to"
+        f" {within(sigma['d_3'], '±')} mm (one sigma, data sheet's errors in it)."
         + (f" {covered.text}" if (covered := cover_statement(protocol.cover)) else "")
     )
 

@@ -46,7 +46,7 @@ from ...input_files import read_bytes
 from ...theory.depth_budget import DepthBudget, depth_budget
 from ...theory.length_covariance import LengthCovariance
 from ...tolerancing.places import short_name
-from ...words import clauses, length, listed, number, rounded, sentence
+from ...words import clauses, length, listed, number, rounded, sentence, within
 from ..blocks import (
     MARKS,
     Block,
@@ -575,7 +575,8 @@ def plan_blocks(
     command = f'roslf calibrate CAPTURES --design design.toml --board "{c.board.text}"{sigmas} -o calibration'
 
     def cell(name: str, expected: Any) -> str:
-        return f"{expected.sigma[name]:.3g}" if plan.determined(name, expected) else UNDETERMINED
+        sigma = expected.sigma[name]
+        return UNDETERMINED if not plan.determined(name, expected) else f"{sigma:.3g}" if sigma >= 1e-5 else "< 0.00001"
 
     rows = tuple(
         (name, cell(name, before), UNITS[name], number(plan.sizes[name], 4), MARKS[plan.trust(name)][0])
@@ -629,7 +630,7 @@ def _promise(design: Design, plan: CapturePlan, asked: PlanOptions, build: Lengt
         lengths, camera = measured.plus(left), Camera.of(design.thin_twin)
         both = {name: float(lengths.carried(camera, attrgetter(f"seen.{name}"))) for name in ("d_3", "H", "d_2")}
         sigma = {name: one or alone[name] for name, one in both.items()}
-    sizes = {"d_3": f"{sigma['d_3']:.2g} mm", "H": f"{sigma['H']:.2g}", "d_2": _rounded(sigma["d_2"])}
+    sizes = {"d_3": f"{within(sigma['d_3'])} mm", "H": within(sigma["H"]), "d_2": _rounded(sigma["d_2"])}
     known = [f"{name} to {size}" for name, size in sizes.items() if plan.determined(name)]
     trusts = {name: plan.trust(name) for name in plan.quantities}
     text = f"By captures alone, {_quotable(trusts)}."

@@ -17,7 +17,7 @@ from ...theory.colours import filters
 from ...theory.depth_budget import MISMATCH, WARMTH, depth_budget
 from ...theory.depth_error import MOST_FILL, fill_left
 from ...theory.quantities import QUANTITIES
-from ...words import length, listed, number, percent
+from ...words import length, listed, lux, number, percent
 from ..blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table, Tone
 from .pictures import depth_pictures
 
@@ -181,6 +181,12 @@ def statements(trial: Trial) -> Iterator[Statement]:
             text += f" So much contrast leaves {_percent(trial.black)} of it black, with edges finer than its detail."
             remedy = "Views disagree there, and depth scatters more: give it a contrast of 0.15, or coarser detail."
         yield Statement("caution", text, remedy)
+    elif trial.edge > 0:
+        text = (
+            f"Is the texture seen? Just: in {_percent(trial.edge)} of the field its finest detail has about two "
+            "microlenses a period, below which it aliases."
+        )
+        yield Statement("plain", text, "Detail coarser by a tenth leaves a margin.")
     if summary.bias_mm is None or summary.spread_mm is None or summary.told_mm is None or summary.inside_68 is None:
         yield Statement("bad", "How good is it? Nothing to compare: no microlens has both a depth and a truth.")
         return
@@ -373,7 +379,7 @@ def basis(trial: Trial) -> tuple[Block, ...]:
     light, sensor = design.light, design.sensor
     source = (
         f"radiance {light.radiance:g} W/m^2/sr" if light.radiance is not None
-        else f"{light.illuminance:g} lx on a surface that reflects {percent(light.reflectance)}"
+        else f"{lux(light.illuminance)} on a surface that reflects {percent(light.reflectance)}"
     )  # fmt: skip
     rows: list[tuple[str, str, str]] = [
         ("light", source, f"{percent(light.transmission)} passes the optics, {1e6 * light.wavelength:.4g} nm"),

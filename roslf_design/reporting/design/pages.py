@@ -306,11 +306,15 @@ def _accuracy_section(design: Design, result: Evaluation, asked: float | None = 
     closest = f"the closest is {cases[0].case}, at a relative distance of {cases[0].distance:.2g}"
     said = [Statement("caution" if own.kept is False else "plain", sentence(own.sentence()))]
     said += [
-        Statement("plain", f"Near a hard case, {case.case} (relative distance {case.distance:.2g}): {case.says}.")
+        Statement("plain", f"Near a hard case, {case.case} ({_distance(case.distance)}): {case.says}.")
         for case in cases
         if case.near
     ] or [Statement("good", f"The design is near no hard case; {closest}.")]
     return Section("Accuracy", (Paragraph(result.method), Statements(tuple(said)), methods, distances))
+
+
+def _distance(relative: float) -> str:
+    return "to the last digits" if relative < 1e-9 else f"relative distance {relative:.2g}"
 
 
 def making(command: str, seeds: tuple[str, ...], stamp: tuple[str, ...], design: Design | None = None) -> Section:

@@ -32,7 +32,7 @@ from ...theory.light import microlens_defocus_waves
 from ...theory.quantities import QUANTITIES, bound_note, in_words
 from ...tolerancing.result import KNOWN_LENGTHS, depth_left_out
 from ...tolerancing.yields import Yield
-from ...words import clauses, listed, number, sentence
+from ...words import apart, clauses, listed, number, sentence
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 from ..design.rays import meridional, ray_words, scale_words
 from .pictures import SAME, bore_and_stop, ends_differ, ends_of, goal_front, robust_yields, search_history
@@ -190,7 +190,7 @@ def _statements(result: Result) -> Iterator[Statement]:
             text += " They are ranked by the weighted goals, not by their order."
         if result.part_retraces:
             worst = max(again.moved for again in result.part_retraces)
-            text += f" Each of these was traced again on its own: goals and limits differ by up to {worst:.1g}."
+            text += f" Each of these was traced again on its own: goals and limits differ {apart(worst)}."
         why = "the search was stopped" if ranking.stopped else "the budget was spent; give more"
         late = f"{ranking.open} more were not settled before {why}." if ranking.open else ""
         said = Statement("caution" if ranking.open or ranking.stopped or not ranking.best else "plain", text, late)
@@ -329,7 +329,7 @@ def _about_trace(retrace: Retrace) -> Statement:
         f"Behind the real lens ({retrace.lens}) what is asked at a field was traced at every design tried; angles of "
         "view, fields and detail where searches ended, between those places they are as many times the thin-lens "
         "model's as lies between; the rest follows from the lens's focal length and principal planes. "
-        f"Traced again on its own, the optimum's goals and limits differ by up to {retrace.moved:.1g}"
+        f"Traced again on its own, the optimum's goals and limits differ {apart(retrace.moved)}"
     )
     if folded:
         remedy = "Ask non_distortion_room_mm there to be at least 0, or leave the field out."
@@ -444,7 +444,8 @@ def _change(result: Result) -> Iterator[Figure]:
     ]
     caption += f" Before, limits were missed: {'; '.join(missed)}." if missed else ""
     title = f"{before.name} and {after.name}"
-    yield Figure.of("optimize-change", "Before and after", caption, beside("change", title, pictures, down=True))
+    both = beside("change", title, pictures, down=True)
+    yield Figure.of("optimize-change", "Before and after", caption, replace(both, breaks=0.0))  # to be compared
 
 
 # --- tables -----------------------------------------------------------------------------------------------------------
