@@ -391,6 +391,16 @@ TRACING = {
 """Stands among the lights until the lens has been traced."""
 
 
+def awaited(design: Design) -> str:
+    """Sentence on what is awaited of a real lens and what is seen meanwhile; empty of an ideal one."""
+    if not design.main_lens.kind.mounted:
+        return ""
+    return (
+        f"Tracing rays through {design.main_lens.kind.name}: some seconds, the first time on a machine about a minute "
+        "more. Until then pictures, numbers and grey verdicts are those of its thin-lens model."
+    )
+
+
 def unknown(what: str, why: str) -> dict[str, str]:
     """The light of verdicts that cannot be found."""
     words = f"{what} cannot be found: {why}"

@@ -622,10 +622,13 @@ def test_behind_a_real_lens_the_explorer_tells_what_evaluate_tells(name, warmed)
     # What rays tell waits for them.
     assert {light["level"] for light in first["lights"]} == {"wait"}
     assert all("tracing" in first[words] for words in ("glance_of", "rays_of"))
+    assert "LA1050-A" in first["awaited"]
+    assert "thin-lens model" in first["awaited"]
     assert "traced" not in map_first
     assert later["lights"] == lights(result)
     assert later["glance"] == glance(result)
     assert ("tracing" not in later["glance_of"], later["rays_of"]) == (True, "traced")
+    assert later["awaited"] == ""
     thin_lens = next(light for light in later["lights"] if light["name"] == "thin_lens_holds")
     moved = float(re.search(r"by ([\d.]+) px", thin_lens["plain"])[1])
     assert float(thin_lens["margin"].removesuffix(" px")) == pytest.approx(moved, rel=0.05)
