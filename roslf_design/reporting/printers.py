@@ -278,7 +278,7 @@ def _block(block: Block, root: Path) -> dict[str, Any]:
                 {
                     "tone": item.tone,
                     "mark": MARKS[item.tone][0],
-                    "lead": item.text[: item.lead],
+                    "lead": spans(item.text[: item.lead]),
                     "text": spans(item.rest),
                     "remedy": spans(item.remedy),
                 }

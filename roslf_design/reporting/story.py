@@ -364,10 +364,10 @@ def story_report(
     """
     steps: list[str] = []
     findings: dict[str, Finding] = {}
-    parts: list[_Walked] = []
+    parts = list(_walked(story, seed, progress, at))
+    grounds = _basis_of(story, parts, at)
     built: LengthCovariance | None = None
-    for part in _walked(story, seed, progress, at):
-        parts.append(part)
+    for part in parts:
         design = part.design
         match part.outcome:
             case PlanOptions() as asked:
@@ -377,7 +377,9 @@ def story_report(
                 findings["calibration"] = calibrated_finding(design, calibrated)
                 steps.append(f"Calibration of a camera built to {calibrated.data['design']}.")
             case StudyResult() as tolerances:
-                findings["tolerances"], built = tolerance_finding(tolerances), tolerances.built
+                known = grounds.calibration if design is parts[-1].design else None
+                judged = replace(tolerances, calibration=known)  # as the verdicts beside it
+                findings["tolerances"], built = tolerance_finding(judged), tolerances.built
                 steps.append(f"Tolerances ({part.name}), of {design.name}.")
             case result:
                 onwards, built = _chosen(part.take, design), None
@@ -386,7 +388,6 @@ def story_report(
     opening: tuple[Block, ...] = (Bullets(tuple(steps)),)
     if story.table.story.question:
         opening = (Paragraph(story.table.story.question), *opening)
-    grounds = _basis_of(story, parts, at)
     report = design_report(design, findings=findings, grounds=grounds, opening=opening, progress=progress, **options)
     return replace(report, title=story.table.story.title)
 

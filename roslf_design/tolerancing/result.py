@@ -27,7 +27,7 @@ from ..progress import CountedProgress, shares, silent
 from ..tables import BriefValue
 from ..theory.depth_budget import DepthBudget, depth_budget
 from ..theory.focused import is_focused
-from ..theory.length_covariance import LengthCovariance
+from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.limits import AT_FIELD
 from ..theory.quantities import EXPANDED, QUANTITIES, bound_note
 from ..theory.tube import WIDTHS, unsaid_bore
@@ -193,6 +193,8 @@ class StudyResult(BriefValue):
     """Moves of each adjuster."""
     tracing: tuple[str, ...] = ()
     """How builds behind a real lens were traced; nothing where it is ideal."""
+    calibration: CalibratedLengths | None = None
+    """Lengths as a calibration that follows will know them; None of builds that nobody calibrates."""
 
     def __str__(self) -> str:
         low, high = self.final.result.interval
@@ -214,8 +216,8 @@ class StudyResult(BriefValue):
 
     @cached_property
     def required(self) -> tuple[Requirement, ...]:
-        """Requirements of the design, its lengths as built, as nobody calibrates them."""
-        return required_of(self.plan.question.design, self.built)
+        """Requirements of the design, its lengths as built, and as calibrated where a calibration follows."""
+        return required_of(self.plan.question.design, self.built, self.calibration)
 
     @cached_property
     def uncounted(self) -> tuple[Requirement, ...]:

@@ -19,6 +19,8 @@ from .tally import Tally, quantiles, rebin
 from .yields import Yield
 
 HISTOGRAM_BINS = 60
+MIDDLE, FAR = (0.01, 0.99), 5.0
+"""Ends of the 98 % of builds that a histogram's steps are for where all builds reach `FAR` times as far."""
 
 
 @dataclass(frozen=True)
@@ -172,6 +174,9 @@ def _summary(plan: TolerancePlan, tally: Tally, v: int, c: int) -> ColumnSummary
     places, past = np.linspace(low, high, HISTOGRAM_BINS + 1) if defined and high > low else np.empty(0), 0
     if infinite and defined:  # up to infinity in equal steps of the twin
         places, past = from_finite(np.linspace(float(finite(here + low)), 0.0, HISTOGRAM_BINS + 1)) - here, infinite
+    first, last = quantiles(counts, MIDDLE, low, high).tolist()
+    if not infinite and len(places) and 0 < last - first < (high - low) / FAR:
+        places = np.unique([low, *np.linspace(first, last, HISTOGRAM_BINS - 1), high])
     histogram = rebin(counts, np.array([-np.inf, *places[1:-1], np.inf])) if len(places) else np.empty(0)
     histogram[-1:] += past
     return ColumnSummary(

@@ -198,7 +198,7 @@ def test_a_goal_s_words_are_not_cut_by_the_picture():
 
 def test_densities_hold_all_builds():
     cuts, counts = np.linspace(0, 4, 9), np.array([0, 1, 5, 9, 8, 4, 1, 0])
-    picture = distributions([("as built", cuts, counts), ("adjusted", cuts / 2, counts)], 1.0, [3.0], (0, 2), "x [mm]")
+    picture = distributions([("as built", cuts, counts), ("adjusted", cuts / 2, counts)], 1.0, [3.0], "x [mm]")
     for mark in picture.marks[:2]:
         x, y = np.asarray(mark.x), np.asarray(mark.y)
         assert float(np.sum((y[1:] + y[:-1]) / 2 * np.diff(x))) == pytest.approx(1.0)

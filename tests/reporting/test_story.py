@@ -3,6 +3,7 @@
 import math
 import re
 import tomllib
+from types import SimpleNamespace
 
 import pytest
 
@@ -172,7 +173,7 @@ def test_another_seed_reaches_every_part(folder, monkeypatch, few_builds):
         return Report("", "", ())
 
     monkeypatch.setattr(story, "design_report", pages)  # what findings say of seeds is on the page, as told above
-    monkeypatch.setattr(story, "_basis_of", lambda *_: None)  # the data sheet's
+    monkeypatch.setattr(story, "_basis_of", lambda *_: SimpleNamespace(calibration=None))  # the data sheet's
     story_report(load_story_or_study(folder / "story.toml")[1], seed=77)
     seeds = " ".join(part.seed for part in parts)
     assert all(f"{what}: 77." in seeds for what in ("starts", "2,000 builds", "poses"))
@@ -356,3 +357,24 @@ def test_shipped_stories_can_be_read(root, name):
     story = load_story_or_study(root / "studies" / f"story-{name}" / "story.toml")[1]
     assert [bool(p.optimize) + 2 * bool(p.tolerance) + 4 * bool(p.calibration) for p in story.table.parts] == [1, 2, 4]
     assert (root / "reports" / f"story-{name}" / "report.pdf").stat().st_size < 500_000
+
+
+def test_a_story_s_yield_says_of_required_depth_what_its_verdicts_say(folder, without_figures, few_builds):
+    """Uncalibrated U is missed, that of the plan is met: the headline had the one, the ticks the other."""
+    required = [{"quantity": "u_z_mm", "at": "100 mm", "max": "0.5 mm"}]
+    save(load(folder / "given.toml").replace({"required": required}), folder / "given.toml", overwrite=True)
+    (folder / "tolerance.toml").write_text(TOLERANCE.replace("20 um", "60 um"))
+    (folder / "story.toml").write_text(STORY.replace('[[parts]]\noptimize = "optimize.toml"\n', ""))
+    report = story_report(load_story_or_study(folder / "story.toml")[1])
+    alone = study_report("tolerance", folder / "tolerance.toml")
+
+    def told(of, words):
+        return next(s for block in blocks(of, Statements) for s in block.items if words in s.text)
+
+    assert "is missed" in told(alone, "Yield ").text
+    assert told(alone, "depth, expected, u_Z at 100 mm is 0.7").tone == "bad"
+    assert told(report, "depth, expected, u_Z at 100 mm is 0.2").tone == "caution"  # met where single views blur
+    assert "missed" not in told(report, "Yield ").text.lower()
+    rows = [row for block in blocks(report, Table) if block.title == "Limits" for row in block.rows]
+    (depth,) = [row for row in rows if row[0].startswith("depth, expected")]
+    assert any(cell.startswith("✓ met") and cell.endswith(", calibrated") for cell in depth)

@@ -1,12 +1,16 @@
 """Streamed histograms against the arrays they stand for."""
 
+import re
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from roslf_design.tolerancing import tally
+from roslf_design.reporting.tolerance.pictures import distributions, ranked_correlations, ranked_moves
+from roslf_design.tolerancing import summaries, tally
 
 
 def count(values):
@@ -73,3 +77,42 @@ def test_rebinning_keeps_every_trial(values):
     bars = tally.rebin(count(values), cuts)
     assert bars.sum() == pytest.approx(100)
     assert (bars >= 0).all()
+
+
+def test_one_build_far_off_does_not_take_the_axis_from_the_others():
+    values = 0.3 * np.random.default_rng(3).standard_normal(10_000)
+    values[:2] = 2e10, -7e9
+    tallied = SimpleNamespace(
+        counts=count(values)[None, None], trials=len(values), low=np.array([[values.min()]]),
+        high=np.array([[values.max()]]), moments=np.array([[[values.sum(), (values**2).sum()]]]),
+        undefined=np.zeros((1, 1)), infinite=np.zeros((1, 1)), impossible=np.zeros(1),
+    )  # fmt: skip
+    plan = SimpleNamespace(nominal=[5.0], limits=(), quantiles=(0.5,), columns=("u_Z",))
+    column = summaries._summary(plan, tallied, 0, 0)
+    assert (column.low, column.high) == (5 - 7e9, 5 + 2e10)
+    assert sum(column.histogram) == pytest.approx(len(values))
+    cuts, heights = np.array(column.cuts), np.array(column.histogram)
+    first, last = 5 + np.quantile(values, (0.01, 0.99))
+    assert (cuts[1], cuts[-2]) == pytest.approx((first, last), abs=0.02)
+    picture = distributions([("as built", cuts, heights)], 5.0, [5.5], "u_Z [mm]")
+    axis = picture.panels[0].x
+    assert axis.low < first < last < axis.high
+    assert axis.high - axis.low < 2 * (last - first)
+    # Those of the picture's ends are spread evenly up to the farthest: none but these lie near.
+    assert re.search(r"as built, 10,000 builds, (19\d|20\d) of them beyond the axis", picture.keys[0].text)
+
+
+@pytest.mark.parametrize(
+    ("picture", "words"),
+    [
+        (
+            ranked_correlations(["d_3", "d_2"], np.array([0.01, -0.02]), 0.03, "u_Z"),
+            "No single tolerance goes with u_Z",
+        ),
+        (ranked_moves(["d_3"], np.zeros(1), np.zeros(1), [1.0], "u_Z"), "No tolerance alone moves u_Z"),
+        (distributions([("as built", np.empty(0), np.empty(0))], 5.0, [6.0], "u_Z"), "No build differs"),
+    ],
+)
+def test_a_picture_of_nothing_is_a_sentence(picture, words):
+    assert picture.panels == ()
+    assert picture.title.startswith(words)

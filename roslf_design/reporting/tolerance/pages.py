@@ -154,9 +154,9 @@ def _tolerance_section(result: StudyResult, command: str = "", *, first_look: bo
         title, caption = FIGURES[name]
         if name == "sensitivity" and (lost := _ends_lost(result)):
             caption += f" No bar at an end where the build has no such number: {', '.join(lost)}."
-        blocks.append(
-            Figure.of(f"tolerance-{name}", title, caption.format(weakest=weakest, adjusted=adjusted), picture)
-        )
+        told = caption.format(weakest=weakest, adjusted=adjusted)
+        drawn = Figure.of(f"tolerance-{name}", title, told, picture) if picture.panels else Paragraph(picture.title)
+        blocks.append(drawn)
     blocks += [_worded(table) for table in others]
     if result.warnings:
         blocks.append(Bullets(tuple(in_words(warning) for warning in result.warnings)))
@@ -359,7 +359,7 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
     text += f" ({name})." if name else "."
     if untold:
         text += f" Not in it, as builds do not tell it: {words.listed([one.label for one in untold])}."
-    if any(one.quantity == "u_z_mm" for one in missed):
+    if result.calibration is None and any(one.quantity == "u_z_mm" for one in missed):
         text += " Missed by a camera that nobody calibrates; of a calibrated one believe its verdict with lengths as"
         text += " calibrated."
     tone = TONES[outcome_of(result.together.value, result.study.yield_target)]
@@ -637,7 +637,8 @@ def _required_rows(result: StudyResult, variants: Sequence[Variant]) -> Iterator
         low, high = (one.coverage * end for end in asked_ends(one))
         asked = _ends_words(low, high, one.unit)
         if (share := share_that_meets(plan, result.final, one)) is None:
-            bare = f", uncalibrated{_focused_as(plan)}" * (one.quantity == "u_z_mm")
+            known = "uncalibrated" if result.calibration is None else "calibrated"
+            bare = f", {known}{_focused_as(plan)}" * (one.quantity == "u_z_mm")
             outcome = "met" if one.met else "missed"
             yield _LimitRow(one.label, asked, (*before, None), outcome, without=f"{one.value_words}{bare}")
         else:
@@ -1027,8 +1028,7 @@ def tolerance_pictures(result: StudyResult) -> dict[str, Picture]:
     nominal = float(told(columns[0].nominal)) if math.isfinite(told(columns[0].nominal)) else 0.0
     edges = [float(told(edge)) if math.isfinite(edge) else edge for edge in (limit.low, limit.high)]
     label = _metric(result, row) if not twins else f"-1 over {_metric(result, row, unit=False)} [1/mm]"
-    span = float(told(columns[-1].low)), float(told(columns[-1].high))
-    drawn["spread"] = distributions(parts, nominal, [e for e in edges if math.isfinite(e)], span, label)
+    drawn["spread"] = distributions(parts, nominal, [e for e in edges if math.isfinite(e)], label)
     moves = result.sensitivity
     both = (moves.twin_plus, moves.twin_minus) if twins else (moves.plus, moves.minus)
     order = _largest(np.maximum(*(np.abs(np.nan_to_num(ends[-1, row])) for ends in both)))

@@ -11,7 +11,7 @@ import numpy as np
 from ..._arrays import Array
 from ...drawing.marks import Area, Dots, Key, Line, Mark, Point, Text, bars, box_key, line_key, stairs
 from ...drawing.panel import Panel, Scale, named_ticks, names_width, rows_panel, threshold
-from ...drawing.picture import Picture, as_tall, one_panel
+from ...drawing.picture import Picture, as_tall, notice, one_panel
 from ...drawing.theme import PLAIN, SMALL, short, text_width
 from ...tolerancing.yields import Yield
 
@@ -223,7 +223,9 @@ def ranked_moves(names: Sequence[str], plus: Array, minus: Array, limits: Sequen
     `plus` and `minus` have shape (N,) for N `names`; `limits` are moves that reach a limit, drawn where they are near;
     `label` is the number's, with its unit.
     """
-    reach = max(float(np.abs([plus, minus]).max(initial=0.0)), 1e-300)
+    reach = float(np.abs([plus, minus]).max(initial=0.0))
+    if reach == 0:
+        return notice("sensitivity", f"No tolerance alone moves {label}.", (540, 60))
     near = [edge for edge in limits if abs(edge) < 3 * reach]
     scale = Scale.around([*plus, *minus, 0.0, *near], 0.12 if near else 0.05)
     at = ROW * (np.arange(len(names)) + 0.5)
@@ -241,6 +243,12 @@ def ranked_correlations(names: Sequence[str], values: Array, noise: float, label
 
     `values` has shape (N,); the others are as for `ranked_moves`.
     """
+    if not (np.abs(values) > noise).any():
+        words = (
+            f"No single tolerance goes with {label} beyond what chance alone gives (within ± {noise:.2g}): "
+            "what moves it does so alike both ways, as decentres do, or together with others."
+        )
+        return notice("correlation", words, (540, 60))
     at, tall = ROW * (np.arange(len(names)) + 0.5), ROW * len(names)
     marks: list[Mark] = [Area([-noise, noise, noise, -noise], [0.0, 0.0, tall, tall], "pale", 0.8)]
     for up, colour in ((values > 0, "blue"), (values <= 0, "orange")):
@@ -260,35 +268,37 @@ def _ranked(
 
 
 def distributions(
-    variants: Sequence[tuple[str, Array, Array]], nominal: float, limits: Sequence[float], span: Point, label: str
-) -> Picture:  # fmt: skip
+    variants: Sequence[tuple[str, Array, Array]], nominal: float, limits: Sequence[float], label: str
+) -> Picture:
     """Draw the distribution of a number over the builds, as built and, where anything is adjusted, afterwards.
 
     Parameters
     ----------
     variants : sequence of (name, cuts, counts)
-        Up to two; N + 1 cuts and N counts each.
+        Up to two; N + 1 cuts and N counts each. First and last steps much wider than the others hold few builds far
+        off: the axis leaves them out, and the legend counts them.
     nominal, limits, label
         Of the number; the label with its unit.
-    span : (low, high)
-        Least and greatest value of the last variant.
     """
+    known = [(*one, filled) for one, filled in zip(variants, (True, False), strict=False) if len(one[1])]
+    if not known:
+        return notice("spread", f"No build differs from another in {label}.", (500, 60))
+    spans = [_middle(cuts) for _, cuts, _, _ in known]
+    reach = max([spans[-1][1] - spans[-1][0], *(abs(edge - nominal) for edge in limits)])
+    ends = [*limits, *np.ravel(spans)]
+    low, high = max(min(ends) - 0.1 * reach, nominal - 1.5 * reach), min(max(ends) + 0.1 * reach, nominal + 1.5 * reach)
     marks: list[Mark] = []
     keys: list[Key] = []
-    ends, top = [*limits], 0.0
-    for (name, cuts, counts), filled in zip(variants, (True, False), strict=False):
-        if not len(cuts):
-            continue
+    top = 0.0
+    for name, cuts, counts, filled in known:
         density = counts / counts.sum() / np.diff(cuts)
         x, y = stairs(cuts, density)
         marks.append(Area(x, y, "sky", 0.6) if filled else Line(x, y, "blue", 1.8))
-        legend = f"{name}, {counts.sum():,.0f} builds"
+        within = np.diff(np.interp([low, high], cuts, np.concatenate([[0.0], np.cumsum(counts)])))[0]
+        beyond = round(float(counts.sum() - within))
+        legend = f"{name}, {counts.sum():,.0f} builds" + f", {beyond:,} of them beyond the axis" * (beyond > 0)
         keys.append(box_key(legend, "sky", 0.6) if filled else line_key(legend, "blue", 1.8))
-        ends += [float(cuts[0]), float(cuts[-1])]
         top = max(top, float(density.max()))
-    reach = max([span[1] - span[0], *(abs(edge - nominal) for edge in limits)])
-    low, high = min(ends, default=span[0]) - 0.1 * reach, max(ends, default=span[1]) + 0.1 * reach
-    low, high = max(low, nominal - 1.5 * reach), min(high, nominal + 1.5 * reach)
     up = 1.08 * top or 1.0
     for edge in limits:
         marks += _limit(edge, 0.0, up, nominal)
@@ -296,6 +306,12 @@ def distributions(
     across = Scale(low, high) if high > low else Scale.around([nominal])
     panel = Panel((0, 0, 1, 1), across, Scale(0.0, up), tuple(marks), label, "share of builds per unit", grid="x")
     return one_panel("spread", f"Distribution of {label} over the builds", (500, 310), panel, keys, left=64, top=20)
+
+
+def _middle(cuts: Array) -> tuple[float, float]:
+    """Ends of a histogram without first and last steps that are much wider than the others."""
+    even = np.flatnonzero(np.diff(cuts) <= 1.5 * np.median(np.diff(cuts)))
+    return float(cuts[even[0]]), float(cuts[even[-1] + 1])
 
 
 def _limit(place: float, low: float, high: float, nominal: float) -> list[Mark]:
