@@ -13,7 +13,7 @@ from ..bore.mapping import angle_map
 from ..distances import Distance, check_distances
 from ..lenses.angles import F_TAN
 from ..theory import tube
-from ..theory.depth_budget import COVERAGE, FULL, OVERLAP, DepthBudget, depth_budget
+from ..theory.depth_budget import CAUSES, COVERAGE, OVERLAP, DepthBudget, depth_budget
 from ..theory.depth_error import temperatures_met
 from ..theory.field_of_view import focus_ahead
 from ..theory.focused import has_views
@@ -68,7 +68,7 @@ class _AtDistance:
         field = self.field
         if self.expanded_mm is None:
             return where, field, "-", "-", "-"
-        told = math.isfinite(self.expanded_mm) or self.mostly in (OVERLAP, FULL)
+        told = math.isfinite(self.expanded_mm) or self.mostly in (OVERLAP, *CAUSES)
         depth = uncertainty(self.expanded_mm, 2, "± ", self.at_mm), self.mostly if told else ""
         if self.usable_lp_per_mm is None:
             return where, field, *depth, "none"

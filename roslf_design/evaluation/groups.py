@@ -159,6 +159,10 @@ class DepthAssumptions:
     """Rms, in each octave of detail or of the one period."""
     period_mm: float | None
     """Period of the texture; None has detail of every size."""
+    finest_mm: float
+    """Period of its finest detail in focus."""
+    finest_microlenses: float | None
+    """Microlenses that this has at every distance; None of detail that the design states, as fine at all of them."""
     gradient_per_pitch: float
     """Rms gradient that views show, after all blurs [contrast per microlens pitch]."""
     views: float
@@ -171,7 +175,11 @@ class DepthAssumptions:
     def detail(self) -> str:
         """Detail that the texture has."""
         if self.period_mm is None:
-            return "in each octave of detail"
+            finest = length(self.finest_mm)
+            if self.finest_microlenses is None:
+                return f"in each octave of detail down to {finest}"
+            down = f"{number(self.finest_microlenses, 3)} microlenses at every distance"
+            return f"in each octave of detail down to {down} ({finest} in focus)"
         return f"with a period of {length(self.period_mm)}"
 
     def __str__(self) -> str:

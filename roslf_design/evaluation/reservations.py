@@ -17,7 +17,18 @@ from ..design import Design
 from ..design.required import ROUND_ANGLE, ROUND_RADIUS, Required
 from ..theory import tube
 from ..theory.colours import filters
-from ..theory.depth_budget import BUILT, CALIBRATED, COVERAGE, FULL, MISMATCH, NOISE, OVERLAP, WARMTH, DepthBudget
+from ..theory.depth_budget import (
+    ALIASED,
+    BUILT,
+    CALIBRATED,
+    COVERAGE,
+    FULL,
+    MISMATCH,
+    NOISE,
+    OVERLAP,
+    WARMTH,
+    DepthBudget,
+)
 from ..theory.disparity_error import MOST_LOST, roomy, share_full
 from ..theory.focused import has_views, pupil_remedy
 from ..theory.photometry import electrons, exposure
@@ -441,6 +452,8 @@ def _of_depth(budget: DepthBudget, most: float) -> str:
     largest = budget.largest
     if FULL in largest.remark:
         return f"mostly {largest.name}: {FULL}: expose less; {WAYS}"
+    if ALIASED in largest.remark:
+        return f"{largest.remark}; finer microlenses, or a depth.finest as coarse as the object's, end it; {WAYS}"
     if largest.name in MENDED_BY:
         return f"mostly {largest.name}: {MENDED_BY[largest.name]}; {WAYS}"
     if largest.name not in KNOW_BETTER:

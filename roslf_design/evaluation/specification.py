@@ -22,7 +22,7 @@ from ..theory import tube
 from ..theory.colours import ColourFilter, filters
 from ..theory.depth_error import depth_error, seen_at
 from ..theory.depth_of_field import Kind, depth_of_field
-from ..theory.disparity_error import full_within, view_gradient
+from ..theory.disparity_error import full_within, texture, view_gradient
 from ..theory.focused import FocusedArray, has_views
 from ..theory.limits import as_design
 from ..theory.photometry import electrons, exposure, through_filter
@@ -346,6 +346,8 @@ def depth_assumptions(design: Design, camera: Camera, error: float) -> DepthAssu
     if design.depth.disparity_error is not None:
         return None
     across = min(float(QUANTITIES[name](camera)) for name in ("views_independent", "views_geometric"))
+    focus, stated = seen_at(camera, None), design.depth.period or design.depth.finest
+    microlenses = 1 / float(texture(camera, focus).fine)
     return DepthAssumptions(
         electrons=float(QUANTITIES["pixel_electrons"](camera)),
         full_within_mm=full_within(camera),
@@ -355,7 +357,9 @@ def depth_assumptions(design: Design, camera: Camera, error: float) -> DepthAssu
         exposure_s=float(exposure(camera)),
         contrast=design.depth.contrast,
         period_mm=design.depth.period,
-        gradient_per_pitch=float(view_gradient(camera, seen_at(camera, None))),
+        finest_mm=stated or microlenses * float(camera.d * focus.scale),
+        finest_microlenses=None if stated else microlenses,
+        gradient_per_pitch=float(view_gradient(camera, focus)),
         views=math.pi / 4 * across**2,
         window=design.depth.window,
         sigma_disparity_pitches=error,

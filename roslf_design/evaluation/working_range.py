@@ -25,6 +25,9 @@ FAR = 1e3
 REACH, STEP, GUESS, CLOSE, LARGE = 5.0, 1.5, 0.1, 2e-3, 30.0
 """Logarithms: of how far, in distances of the focal plane, ends are looked for where views are sharp without end or up
 to the tip; of a step; of what is added to a guess; of how well the end is known; the largest told from infinity."""
+CLOSELY = 16
+"""Steps to the far end in which it is looked where a texture may be too fine for views: farther, out of focus, these
+blur it, and depth may be known again."""
 BudgetAt = Callable[..., DepthBudget]
 """Budget of depth at a distance ahead of the tip [mm], with or without `worst`, as `depth_budget`."""
 
@@ -52,7 +55,8 @@ class WorkingRange(NamedTuple):
         start = start if start > full or full >= far else min(math.exp(GUESS) * full, far)
         budget = budget or partial(depth_budget, camera)
         focused = budget(start, worst=False)
-        useful = math.nan if full >= far else _useful_to(budget, max(near, full), start, focused, far)
+        steps = CLOSELY if "depth.finest" in camera.numbers else 1
+        useful = math.nan if full >= far else _useful_to(budget, max(near, full), start, focused, far, steps)
         return cls(near, far, useful, focused.lengths, full)
 
     @property
@@ -113,7 +117,7 @@ def _from_to(near: float, far: float) -> str:
     return f"{number(near, 3)} to {number(far, 3)} mm"
 
 
-def _useful_to(budget: BudgetAt, near: float, focus: float, focused: DepthBudget, far: float) -> float:
+def _useful_to(budget: BudgetAt, near: float, focus: float, focused: DepthBudget, far: float, steps: int = 1) -> float:
     """Farthest sharp distance ahead of the tip at which U is a tenth of it at most [mm]; NaN where it is none."""
 
     def excess(at: float, known: DepthBudget | None = None) -> float:
@@ -125,7 +129,10 @@ def _useful_to(budget: BudgetAt, near: float, focus: float, focused: DepthBudget
     low, end = (start - REACH if near <= 0 else math.log(near)), (math.log(far) if far < math.inf else start + REACH)
     useful, below = start, excess(start, focused)
     high, above = start, below
-    for high in (min(start - below + GUESS, end), end) if below <= 0 else ():  # U grows as the square, or faster
+    ends = [min(start - below + GUESS, end), end]  # U grows as the square, or faster
+    if steps > 1:
+        ends = [start + (end - start) * step / steps for step in range(1, steps + 1)]
+    for high in ends if below <= 0 else ():
         if (above := excess(high)) > 0:
             break
         useful, below = high, above

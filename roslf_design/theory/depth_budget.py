@@ -14,7 +14,7 @@ import numpy as np
 
 from .._arrays import Array, by_value
 from ..camera import TEMPERATURES, Camera, Number
-from ..words import clauses, listed, uncertainty
+from ..words import clauses, length, listed, uncertainty
 from .depth_error import (
     MOST_FILL,
     depth_error,
@@ -25,7 +25,9 @@ from .depth_error import (
     temperature_error,
     temperatures_met,
 )
-from .disparity_error import axial_disparity_sigmas
+from .depth_of_field import view_blur
+from .disparity_error import axial_disparity_sigmas, finest_seen, folds
+from .disparity_information import Seen
 from .length_covariance import CalibratedLengths, LengthCovariance
 from .photometry import NOTHING, Beside, electrons, full_level
 from .quantity import Depth
@@ -37,7 +39,12 @@ BUILT, CALIBRATED, WARMTH = "lengths as built", "lengths as calibrated", "temper
 WORSE = 1.02
 """Ratio of U at a range's worse end to that over the range from which both are told."""
 MODEL_ALONE = "no board covers that distance: there the model alone tells depth"
-FULL = "pixels are full"
+FULL, ALIASED = "pixels are full", "the texture aliases"
+CAUSES = FULL, ALIASED
+"""Reasons for which an infinite term says so, in its remark."""
+SHARP = 1.6
+"""Pitches that single views are blurred over from which on depth is told with a doubt: up to 1.5 walls before three
+cameras are told to 1.4 times the noise."""
 GIVEN = "in the disparity error that the design gives"
 Kind = Literal["precision", "trueness"]
 KINDS: tuple[Kind, ...] = ("precision", "trueness")
@@ -80,6 +87,8 @@ class DepthBudget:
     """Temperature that the term of temperature counts from [degrees C]; None where there is none."""
     ahead_mm: float = math.inf
     """Distance ahead of the tip, of one build [mm]."""
+    doubt: str = ""
+    """Reason to believe the noise less; empty where none is known."""
 
     def of_kind(self, kind: Kind | None = None) -> Array:
         """Root sum of squares of all terms, or of those of a kind [mm]."""
@@ -104,14 +113,14 @@ class DepthBudget:
 
     @property
     def cause(self) -> str:
-        """Name of the largest term, or that pixels are full where that is why it is infinite."""
-        return FULL if FULL in self.largest.remark else self.largest.name
+        """Name of the largest term, or one of `CAUSES` where that is why it is infinite."""
+        return next((cause for cause in CAUSES if cause in self.largest.remark), self.largest.name)
 
     @property
     def mostly(self) -> str:
         """Its largest term, lengths that are taken as drawn, and the caution."""
         drawn = f"{BUILT} not in it" * self.as_drawn
-        return clauses(FULL if self.cause == FULL else f"mostly {self.cause}", drawn, self.caution)
+        return clauses(self.cause if self.cause in CAUSES else f"mostly {self.cause}", drawn, self.caution)
 
     @property
     def caution(self) -> str:
@@ -120,7 +129,7 @@ class DepthBudget:
         if self.worst is not None:
             degrees, expanded = self.worst
             worst = f"at {degrees:g} °C, the worse end of environment.range, U = {uncertainty(expanded, 3)}"
-        return clauses(worst, MODEL_ALONE * self.uncovered)
+        return clauses(worst, MODEL_ALONE * self.uncovered, self.doubt)
 
     @property
     def words(self) -> str:
@@ -208,7 +217,8 @@ def depth_budget(
     """
     mismatched, veiled = Beside.mismatched(c), Beside.of(c)
     besides = (NOTHING, mismatched, veiled) if np.any(veiled.veil) else (NOTHING, mismatched)
-    sigmas = axial_disparity_sigmas(c, seen_at(c, at), besides)
+    plane, doubt = seen_at(c, at), ""
+    sigmas = axial_disparity_sigmas(c, plane, besides)
     noise, uneven, hazy = (np.abs(depth_error(c, at, sigmas[k])) for k in (0, 1, -1))
     if "depth.disparity_error" in c.numbers:
         terms = [
@@ -219,8 +229,11 @@ def depth_budget(
     else:
         full, veil = bool(np.any(np.isinf(noise) & (full_level(c, electrons(c, at)) < 1))), _added(hazy, uneven)
         share = f"{_percent(c['light.veil'])} of full scale"
+        lost, doubt = f"; {FULL}" * full, _doubt(c, plane)
+        if not full and np.any(np.isinf(noise)) and folds(c, plane).any():
+            lost = f"; {ALIASED}: {_folding(c, plane)}, and views disagree"
         terms = [
-            BudgetTerm(NOISE, "B", "precision", noise, "the bound" + f"; {FULL}" * full),
+            BudgetTerm(NOISE, "B", "precision", noise, f"the bound{lost}"),
             BudgetTerm(MISMATCH, "B", "precision", _added(uneven, noise), _mismatch_words(c)),
             BudgetTerm(VEIL, "B", "precision", veil, share + f"; {FULL}" * bool(np.any(np.isinf(veil)))),
         ]
@@ -245,10 +258,27 @@ def depth_budget(
     terms.append(BudgetTerm(WARMTH, "B", "trueness", warmth, remark))
     away = c["main_lens.focal_plane"] - c.tip if at is None else at
     ahead = math.inf if np.ndim(away) else float(away)
-    budget = DepthBudget(tuple(terms), sigmas[0], None, alone, None if met is None else met[2], ahead)
+    budget = DepthBudget(tuple(terms), sigmas[0], None, alone, None if met is None else met[2], ahead, doubt)
     if not worst or met is None or warmth is None or c.shape or np.ndim(warmth) or met[0] == met[1]:
         return budget
     return replace(budget, worst=_at_worst(c, at, budget, met))
+
+
+def _folding(c: Camera, plane: Seen) -> str:
+    """Words on detail too fine for single views."""
+    stated = length(float(np.ravel(c["depth.finest"])[0]))
+    return f"its detail of {stated} has {1 / _typical(finest_seen(c, plane)):.2g} microlenses a period there"
+
+
+def _doubt(c: Camera, plane: Seen) -> str:
+    """Reasons to believe the noise less at a plane, in words."""
+    blur = _typical(view_blur(c, plane.disparity))
+    unsharp = (
+        f"single views are blurred over {blur:.2g} pitches there: depths of simulated pictures are off by "
+        f"{'up to twice' if blur < 2.25 else 'up to five times' if blur <= 3 else 'many times'} the noise told"
+    )
+    aliased = f"{_folding(c, plane)}, and aliases" if folds(c, plane).any() else ""
+    return clauses(unsharp * (blur > SHARP), aliased)
 
 
 def _at_worst(

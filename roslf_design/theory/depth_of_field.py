@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from .._arrays import Array, magnitude, product, ratio
-from ..camera import Camera
+from ..camera import Camera, Number
 from ..shapes.lattice import PACKINGS
 from .light import diffraction_width
 
@@ -36,6 +36,11 @@ def _pupil_part(c: Camera, kind: Kind) -> Array:
         return whole
     by_view = product(c.q + diffraction_width(c), magnitude(ratio(c.seen.A, c.seen.d_2)))
     return np.asarray(np.where(np.real(by_view) < np.real(whole), by_view, whole))[()]
+
+
+def view_blur(c: Camera, disparity: Number) -> Array:
+    """Width over which a single view shows a point, by the disparity there [microlens pitches]."""
+    return np.asarray(magnitude(disparity) * ratio(_pupil_part(c, "view"), magnitude(c.seen.D_F)))
 
 
 def view_f_number(c: Camera) -> Array:

@@ -31,6 +31,7 @@ from collections.abc import Iterable, Iterator
 from functools import lru_cache, partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._arrays import Array, magnitude, ratio
 from ..camera import Camera, Number
@@ -42,9 +43,11 @@ from .disparity_information import (
     FULL,
     SHARPEST,
     ArrayKind,
+    ImageRows,
     Seen,
     Spectrum,
     Texture,
+    folded_slopes,
     normal_share,
     overlapping,
     rows_of,
@@ -88,16 +91,35 @@ LEVELS = 15.0
 MOST_LOST = 0.5
 """Share of the field that full pixels may leave without depth: where more has none, a required depth is not met, and
 the working range has not begun. Who wants depth there gets none at most places, however well it is known at others."""
+LARGEST_CHI2 = 3.0
+"""Chi-square of samples above which views disagree, and there is no disparity."""
+MOST_MISLED = 5.0
+"""Errors over those of noise beyond which detail that aliases leaves less than half of the microlenses a disparity, as
+neighbours ask for others: counted on walls before two cameras, from 1.9 to one microlens a period, in two lights."""
+LEAST_TURNED = 0.25
+"""Disparity at least that detail too fine for views is taken to be seen at [pitches]."""
+AT_A_TIME = 16
+"""Images of which such detail is worked out together."""
 CELL_PLACES = 16
 """Places along a side of the lattice's cell at which is looked how many pixels are full."""
+
+
+def finest_seen(c: Camera, plane: Seen) -> Array:
+    """Finest detail of the texture at a plane [periods a pitch]: infinite where a design states none."""
+    return ratio(magnitude(c.d * plane.scale), c.numbers.get("depth.period", c.numbers.get("depth.finest", 0.0)))
+
+
+def folds(c: Camera, plane: Seen) -> NDArray[np.bool_]:
+    """Where detail that a design states is too fine for single views, which show it as something else."""
+    return np.asarray(("depth.finest" in c.numbers) & (finest_seen(c, plane) > PACKINGS[c.layout].fold))
 
 
 def texture(c: Camera, plane: Seen) -> Texture:
     """The texture which a design assumes.
 
     Blurred by the microlenses' width; diffraction at the FAP, the same uncertainty of place and direction as that at
-    the microlenses, would count twice. Detail finer than two microlenses (in hexagonal arrays root three) is not
-    counted: single views show it as something else.
+    the microlenses, would count twice. Detail finer than two microlenses (in hexagonal arrays root three) tells
+    nothing: single views show it as something else, by which they differ (`folded_slopes`).
 
     Parameters
     ----------
@@ -113,7 +135,7 @@ def texture(c: Camera, plane: Seen) -> Texture:
     limit = PACKINGS[c.layout].fold
     shape = np.broadcast_shapes(np.shape(plane.disparity), np.shape(plane.scale), c.shape)
     contrast, period = c["depth.contrast"], c.numbers.get("depth.period")
-    finest = np.broadcast_to(ratio(magnitude(c.d * plane.scale), period or c.numbers.get("depth.finest", 0.0)), shape)
+    finest = np.broadcast_to(finest_seen(c, plane), shape)
     strength = np.broadcast_to(np.square(contrast), shape)
     if period is not None:
         strength = np.where(finest <= limit, strength, 0.0)
@@ -222,7 +244,29 @@ def _informations(images: MicrolensImages, plane: Seen, waves: Spectrum | None, 
             some = rows.at(mine)._replace(texture=rows.texture.at(mine)._replace(waves=alike))
             sums = partial(summed_information, whole=False)
             information[mine] += share[mine, None] * (interpolated_information if uncut else sums)(some, array, detail)
+    if waves is None and (folded := folds(c, plane)).any():
+        finest = np.broadcast_to(finest_seen(c, plane), shape).ravel()
+        folded = np.broadcast_to(folded, shape).ravel() & (information > 0).any(1)
+        _mislead(information, rows, array, finest, level, np.stack([folded & ~whole, folded & whole]))
     return np.where(held, information, 0.0).T.reshape(-1, *shape)
+
+
+def _mislead(
+    information: Array, rows: ImageRows, array: ArrayKind, finest: Array, level: NDArray[np.intp], folded: Array
+) -> None:
+    """Less information, in place, where detail is `folded`, of images cut and whole: none where views disagree."""
+    for whole, detail in itertools.product((False, True), np.unique(level[folded.any(0)]).tolist()):
+        every = np.flatnonzero(folded[int(whole)] & (level == detail))
+        for mine in np.array_split(every, math.ceil(every.size / AT_A_TIME)) if every.size else ():
+            # In focus it moves as what it folds to, but no surface is all of it in focus.
+            some = rows.at(mine)
+            bend, least = some.bend, LEAST_TURNED / some.wide
+            turned = np.where(np.abs(bend) < least, np.copysign(least, bend), bend)
+            variance, squares = folded_slopes(some._replace(bend=turned), array, finest[mine], detail, whole)
+            own = information[mine]
+            times = 1 + ratio(variance, own)
+            agree = (times <= MOST_MISLED**2) & (1 + squares <= LARGEST_CHI2)
+            information[mine] = np.where(agree, own / times, 0.0)
 
 
 def _brightest(c: Camera) -> float:

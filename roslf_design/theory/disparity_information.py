@@ -39,6 +39,10 @@ FULL, FULL_SIGMAS = 5e-3, 2.576
 """Share of pixels that is let be full, and beyond how many standard deviations it lies."""
 FEW = 500_000
 """Values whose shares of a normal distribution are told without SciPy."""
+FOLDED, GOLDEN, FOLDS, FINEST_FOLDED = 128, (math.sqrt(5) - 1) / 2, 3, 2.0
+"""Waves too fine for the lattice that are looked at; by how much of half a turn each follows the one before, so that
+they lie evenly; steps of the reciprocal lattice, either way, that they fold by; and periods in a pitch from which on
+microlenses leave next to nothing of them."""
 VALUES, CACHED = 2**15, 2**14
 """Values of waves' images at a time: as many as stay at hand of the processor."""
 
@@ -336,11 +340,16 @@ class _Spectra(NamedTuple):
         return placed.reshape(self.shape)
 
 
-def _spectra(images: ImageRows, waves: Spectrum, c: ArrayKind, level: int, whole: bool) -> _Spectra:
+def _spectra(
+    images: ImageRows, waves: Spectrum, c: ArrayKind, level: int, whole: bool, folds: tuple[Array, Array] | None = None
+) -> _Spectra:
+    """Spectra of waves, at the lattice's frequencies about their own or about those that they fold to."""
     count = len(images.pitch)
-    kx, ky = (np.concatenate([np.zeros((count, 1)), k], 1)[..., None, None] for k in waves[:2])
+    kx, ky, own_x, own_y = (
+        np.concatenate([np.zeros((count, 1)), k], 1)[..., None, None] for k in (*waves[:2], *(folds or waves[:2]))
+    )
     x, y, cell = lattice_orders(c, level)
-    fx, fy, at = kx + x, ky + y, None
+    fx, fy, at = own_x + x, own_y + y, None
     shape = np.broadcast_shapes(fx.shape, fy.shape)
     if whole and LENS_SHAPES[c.lens_shape].round:
         finest = np.minimum(images.finest, SHARPEST)[:, None, None, None]
@@ -360,16 +369,8 @@ def _along(values: Array, like: Array) -> Array:
 
 def _information(images: ImageRows, c: ArrayKind, spectra: _Spectra) -> Array:
     """Information of images in each of their noises, shape (N, M): one signal, weighed by each."""
-    count, side = len(images.pitch), spectra.shape[-1]
-    passed = _lens(images, c, spectra.fx, spectra.fy) * (side * side / spectra.cell)
-    light, turned, times = spectra.images(passed)
-    own_light = images.light[:, None, None] * np.maximum(light[:, :1].real, 0.0).reshape(count, 1, -1)
-    variance = images.variance(own_light)
-    area = spectra.cell / side**2 * (images.pitch / images.pixel) ** 2
-    weight = (images.light**2 * area)[:, None, None] / np.maximum(variance, 1e-300)
-    if np.isfinite(images.room).any():
-        weight *= images.unfilled(own_light)
-    weight *= np.broadcast_to(times, light.shape[-2:]).ravel()
+    count = len(images.pitch)
+    light, turned, weight, _ = _weighed(images, c, spectra)
     weight = np.repeat(weight, 2, axis=-1).swapaxes(1, 2)  # of real and imaginary parts, side by side
 
     def parts(values: Complex) -> Array:
@@ -379,6 +380,85 @@ def _information(images: ImageRows, c: ArrayKind, spectra: _Spectra) -> Array:
     own, free, mixed = (product @ weight for product in (change * change, shown * shown, change * shown))
     mixed = mixed**2 if spectra.even else mixed**2 + (change * parts(1j * light[:, 1:]) @ weight) ** 2
     return np.asarray(((own - ratio(mixed, free)) * spectra.power[..., None]).sum(1))
+
+
+def _weighed(images: ImageRows, c: ArrayKind, spectra: _Spectra) -> tuple[Complex, Complex, Array, Array]:
+    """Waves' images, their changes, weights of the places in each noise, shape (N, M, P), and pixels that are lit."""
+    count, side = len(images.pitch), spectra.shape[-1]
+    passed = _lens(images, c, spectra.fx, spectra.fy) * (side * side / spectra.cell)
+    light, turned, times = spectra.images(passed)
+    shown = np.maximum(light[:, :1].real, 0.0).reshape(count, 1, -1)
+    own_light = images.light[:, None, None] * shown
+    variance = images.variance(own_light)
+    area = spectra.cell / side**2 * (images.pitch / images.pixel) ** 2
+    weight = (images.light**2 * area)[:, None, None] / np.maximum(variance, 1e-300)
+    if np.isfinite(images.room).any():
+        weight *= images.unfilled(own_light)
+    places = np.broadcast_to(times, light.shape[-2:]).ravel()
+    lit = area * (np.minimum(shown[:, 0], 1.0) * places).sum(-1)
+    return light, turned, weight * places, lit
+
+
+def folded_slopes(images: ImageRows, c: ArrayKind, finest: Array, level: int, whole: bool) -> tuple[Array, Array]:
+    """Effect of detail too fine for the lattice on B: variance that it adds to the slope that tells B, and chi-square.
+
+    Views show a wave of kappa as one of ``kappa - n``, n of the reciprocal lattice, but out of focus its phase turns
+    over the FAP as kappa has it. What the picture does not explain of that pulls at B by the texture's own waves about
+    ``kappa - n``: ``V = sum over waves of P_kappa S(kappa - n)|D* X|^2``, S the power for each unit of area, D the
+    change of the texture's image with B, X the folded wave's image, both without what the picture explains.
+
+    Parameters
+    ----------
+    images : ImageRows
+    c : ArrayKind
+    finest : ndarray, shape (N,)
+        Finest detail [periods a pitch].
+    level : int
+        Periods in a pitch that diffraction passes.
+    whole : bool
+        Whether no stop but the FAP cuts images.
+
+    Returns
+    -------
+    ndarray, shape (N, M)
+        V of one microlens in each noise, beside the information J of B: ``sigma_B^2`` is ``(1 + V/J)/J``.
+    ndarray, shape (N, M)
+        Chi-square of a sample that such detail adds.
+    """
+    packing = PACKINGS[c.layout]
+    sharpest = images.finest > SHARPEST
+    images = images._replace(wavelength=images.wavelength * np.where(sharpest, images.finest / SHARPEST, 1.0))
+    octaves = np.log(np.clip(finest, packing.fold, FINEST_FOLDED) / packing.fold)[:, None]
+    count = np.arange(FOLDED)
+    radius, turns = packing.fold * np.exp(octaves * (count + 0.5) / FOLDED), math.pi * GOLDEN * count
+    power = octaves / (math.log(2) * FOLDED)
+    x, y = radius * np.cos(turns), radius * np.sin(turns)
+    steps = np.arange(-FOLDS, FOLDS + 1.0)
+    lattice = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2) @ np.linalg.inv(packing.steps)
+    nearest = np.hypot(x[..., None] - lattice[:, 0], y[..., None] - lattice[:, 1]).argmin(-1)
+    over = lattice[nearest]
+    own_x, own_y = x - over[..., 0], y - over[..., 1]
+    strength, lens = images.texture.strength[:, None], LENS_SHAPES[images.texture.lens_shape or c.lens_shape]
+    shown = strength * power * lens.blur(x, y) ** 2 * np.any(over != 0, -1)
+    area = 2 * math.pi * math.log(2) * (own_x**2 + own_y**2)
+    density = strength * lens.blur(own_x, own_y) ** 2 / np.maximum(area, 1e-12) / packing.rise
+    density *= np.hypot(own_x, own_y) < packing.fold
+    there = min(level, SHARPEST)
+    seen = _spectra(images, Spectrum(own_x, own_y, shown), c, there, whole)
+    light, turned, weight, lit = _weighed(images, c, seen)
+    folded = _weighed(images, c, _spectra(images, Spectrum(x, y, shown), c, there, whole, (own_x, own_y)))[0]
+    own, other, change = (part.reshape(*part.shape[:2], -1) for part in (light[:, 1:], folded[:, 1:], turned))
+
+    def product(first: Complex, second: Complex) -> Complex:
+        sums = (first.conj() * second) @ weight.swapaxes(1, 2)
+        return np.asarray(sums.real if seen.even else sums)  # half of the places: the others are their conjugates
+
+    free, mixed, alike = product(own, own).real, product(own, change), product(own, other)
+    least = np.maximum(free, 1e-300)
+    pull = product(change, other) - mixed.conj() * alike / least
+    left = product(other, other).real - np.abs(alike) ** 2 / least
+    variance = ((shown * density)[..., None] * np.abs(pull) ** 2).sum(1)
+    return variance, (shown[..., None] * left).sum(1) / np.maximum(lit, 1e-300)[:, None]
 
 
 def lattice_orders(c: ArrayKind, finest: float) -> tuple[Array, Array, float]:

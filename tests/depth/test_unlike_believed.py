@@ -14,7 +14,7 @@ from roslf_design.cli import main
 from roslf_design.depth.captured import CaptureNoise, disagreement, measured_with_noise
 from roslf_design.depth.estimate import DisparityStatus, PixelNoise
 from roslf_design.depth.from_files import CaptureOptions, captured
-from roslf_design.depth.geometry import GridGeometry
+from roslf_design.depth.geometry import GridGeometry, depth_of
 from roslf_design.depth.measure import simulate
 from roslf_design.depth.pictures import PictureOptions, default_scene
 from roslf_design.depth.view_files import view_files
@@ -22,6 +22,9 @@ from roslf_design.depth.view_order import AS_NAMED, ORDERS, in_order
 from roslf_design.reporting.depth.pages import statements
 from roslf_design.scenes import make_scene
 from roslf_design.scenes.scene import chief_ray_limits
+from roslf_design.theory.depth_error import seen_at
+from roslf_design.theory.disparity_error import axial_disparity_sigma
+from roslf_design.theory.light import object_scale
 from roslf_design.theory.photometry import exposure
 from roslf_design.traced.camera import camera_of, microlenses, sensor_of_pupil
 from tests.depth.made import Texture, at_first_sight, exposed, fewer_rays, sharp
@@ -281,6 +284,26 @@ def test_texture_too_fine_is_called_aliasing(monkeypatch):
         assert any("field it aliases" in line.text for line in statements(trial)) == (share > 0)
         assert any("about two microlenses a period" in line.text for line in statements(trial)) == (edge > 0)
         assert any("black" in line.text for line in statements(trial)) == (share > 0 and contrast > 0.2)
+
+
+def test_depth_of_texture_that_aliases_errs_as_predicted():
+    """Half a pitch out of focus, in a sixteenth of the light: three times as much as noise makes it."""
+    design = roslf.load("paper")
+    camera = Camera.of(design)
+    design = design.replace({"light.exposure": float(exposure(camera)) / 16})
+    z = float(depth_of(camera, np.asarray(0.5)))
+    sample = float(camera.d * object_scale(camera, np.asarray(z - camera.tip)))
+    off, predicted = [], []
+    for seed in (1, 2):
+        texture = {"kind": "noise", "finest": 1.5 * sample, "seed": seed}
+        scene = make_scene({"objects": [{"kind": "plane", "distance": z, "texture": texture}]})
+        trial = simulate(design, scene, PictureOptions(region=(2110, 1350, 360, 360), seed=seed))
+        off.append(trial.first.disparities.disparity[trial.compared] - 0.5)
+        predicted.append(trial.prediction.disparity)
+        assert trial.first.measured.mean() > 0.8
+    noise = float(axial_disparity_sigma(camera, seen_at(camera, z - camera.tip))) * 4
+    assert np.mean(predicted) > 2.2 * noise
+    assert 0.7 < np.sqrt(np.mean(np.square(np.concatenate(off)))) / np.mean(predicted) < 1.5
 
 
 def told(place):

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
+from roslf_design.evaluation.working_range import WorkingRange
 from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.depth_error import (
     depth_at,
@@ -17,6 +18,7 @@ from roslf_design.theory.depth_error import (
     seen_at,
     temperature_error,
 )
+from roslf_design.theory.depth_of_field import view_blur
 from roslf_design.theory.disparity_error import _disparity_information, axial_disparity_sigma
 from roslf_design.theory.disparity_information import Spectrum
 from roslf_design.theory.field_of_view import focus_ahead
@@ -498,3 +500,34 @@ def test_u_as_large_as_the_distance_is_no_depth(at):
 
 def _of_d_1(sigma):
     return LengthCovariance(("microlens_array.distance",), np.array([[sigma**2]]))
+
+
+def test_a_texture_too_fine_for_views_is_told_and_ends_the_working_range():
+    """What is 2.3 microlenses a period in focus has 2 at 35 mm, and aliases beyond, where views are sharp."""
+    scope = roslf.load("rigid-scope").replace(d_f=30.0)
+    sample = float(QUANTITIES["object_sample_mm"](Camera.of(scope)))
+    camera = Camera.of(scope.replace({"depth.finest": 2.3 * sample}))
+    near, beyond, far = (depth_budget(camera, at) for at in (25.0, 36.0, 60.0))
+    assert near.caution == ""
+    assert near.cause == "view mismatch"
+    assert "1.9 microlenses a period there, and aliases" in beyond.caution
+    assert 2 * near.u_z_mm < beyond.u_z_mm < np.inf
+    assert np.isinf(far.u_z_mm)
+    assert far.cause == "the texture aliases"
+    assert "views disagree" in far.largest.remark
+    within, free = (WorkingRange.of(Camera.of(one)) for one in (scope.replace({"depth.finest": 2.3 * sample}), scope))
+    assert 34 < within.useful_to < 60 < free.useful_to
+    coarse = Camera.of(scope.replace({"depth.finest": 1.4 * sample}))  # aliases in focus, and is known nearer
+    assert np.isinf(depth_budget(coarse).u_z_mm)
+    assert WorkingRange.of(coarse).useful_to < 27
+
+
+def test_far_out_of_focus_depth_is_told_with_a_doubt():
+    """Views are sharp from 199 to 272 mm; that is where they are blurred over a pitch."""
+    camera = Camera.of(PAPER)
+    near, far = (float(QUANTITIES[f"view_depth_of_field_{end}_mm"](camera)) for end in ("near", "far"))
+    for end in (near, far):
+        assert float(view_blur(camera, seen_at(camera, end).disparity)) == pytest.approx(1.0, rel=1e-9)
+        assert depth_budget(camera, end).caution == ""
+    assert "blurred over 2 pitches there" in depth_budget(camera, 176.0).caution
+    assert "up to five times" in depth_budget(camera, 160.0).caution

@@ -20,7 +20,7 @@ from roslf_design.theory.disparity_error import (
     view_gradient,
 )
 from roslf_design.theory.disparity_information import Seen, Spectrum, _bessel_quotients, overlapping
-from roslf_design.theory.exit_pupil import microlens_image_pitch
+from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from roslf_design.theory.image_parts import AS_IT_IS, image_parts, light_read, whole_light
 from roslf_design.theory.lens_shapes import LENS_SHAPES
 from roslf_design.theory.photometry import dark_variance, electrons, exposure
@@ -191,6 +191,95 @@ def test_prediction_against_differences_of_rendered_pictures(design, field, peri
         seen = seen_at(camera, None)._replace(disparity=np.asarray(disparity))
         ours = float(_disparity_information(MicrolensImages(camera, [field]), seen, wave)[0, 0])
         assert np.sqrt(brute / ours) == pytest.approx(1.0, abs=0.02), angle
+
+
+def misled(design, disparity, finest, side=21, fine=12, draws=6):
+    """Variance of B by waves that fold, of one microlens [pitches^2]: by fits to samples of a torus of microlenses.
+
+    Every sample counts alike. Waves' images are drawn on a grid, blurred there and laid on their neighbours'; beside B
+    a picture at the lattice is fitted, freely.
+    """
+    c = Camera.of(design)
+    pitch = float(microlens_image_pitch(c))
+    wide = abs(float(microlens_image_diameter(c))) / pitch
+    reach, many = 2, 8
+    p = (np.arange((2 * reach + 1) * fine) + 0.5) / fine - reach - 0.5
+    x, y = np.meshgrid(p, p, indexing="ij")
+    sub = ((np.arange(many) + 0.5) / many - 0.5) / fine
+    lit = np.mean([np.hypot(x + a, y + b) <= wide / 2 for a in sub for b in sub], 0)
+    nu = np.abs(np.fft.fftfreq(p.size, 1 / fine))
+    along = np.maximum(1 - nu * float(c.wavelength * c.seen.d_2 / c.d) / pitch, 0) * np.sinc(nu * float(c.q) / pitch)
+    lenses = np.arange(2 * reach + 1) - reach
+
+    def image(kappa, b):
+        turned = lit * np.exp(2j * np.pi * b / wide * (kappa[0] * x + kappa[1] * y))
+        blurred = np.fft.ifft2(np.fft.fft2(turned) * np.multiply.outer(along, along))
+        cells = blurred.reshape(lenses.size, fine, lenses.size, fine)
+        phase = [np.exp(-2j * np.pi * k * lenses) for k in kappa]
+        return np.einsum("a,apbq,b->pq", phase[0], cells, phase[1]).ravel()
+
+    steps = np.arange(-side, side + 1) / side
+    kappa = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
+    long = np.hypot(*kappa.T)
+    kappa = kappa[(long > 0) & (long < finest)]
+    long = np.hypot(*kappa.T)
+    folded = np.any(np.round(kappa) != 0, 1) & (long > 0.5)
+    strength = 0.1**2 / (2 * np.pi * np.log(2) * long**2 * side**2) * np.prod(np.sinc(kappa), 1) ** 2
+    at = np.stack(np.meshgrid(np.arange(side), np.arange(side), indexing="ij"), -1).reshape(-1, 2)
+    over = np.exp(2j * np.pi * at @ kappa.T)
+    shown = np.array([image(k, disparity) for k in kappa])
+    moved = np.array([image(k, disparity + 0.01) - image(k, disparity - 0.01) for k in kappa]) / 0.02
+    lattice = np.fft.fftfreq(side)
+    waves = np.stack(np.meshgrid(lattice, lattice, indexing="ij"), -1).reshape(-1, 2)
+    picture = np.array([image(k, disparity) for k in waves])
+    picture /= np.linalg.norm(picture, axis=1)[:, None]
+    rng, known, pulls = np.random.default_rng(5), [], []
+    for _ in range(draws):
+        c = np.array([1, 1j]) @ rng.standard_normal((2, len(kappa))) * np.sqrt(strength)
+        change = ((over * np.where(long < 0.5, c, 0)) @ moved).real
+        turned = np.fft.fft2(change.reshape(side, side, -1), axes=(0, 1)).reshape(side**2, -1)
+        turned -= picture * (picture.conj() * turned).sum(1)[:, None]
+        change = np.fft.ifft2(turned.reshape(side, side, -1), axes=(0, 1)).real.reshape(side**2, -1)
+        known.append((change**2).sum())
+        each = np.einsum("kp,wp,kw->w", change, shown[folded], over[:, folded], optimize=True)
+        pulls.append((strength[folded] * np.abs(each) ** 2).sum())
+    return side**2 * float(np.mean(pulls) / np.mean(known) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("fap", "microlenses", "disparity"), [(2.9, 1.4, 0.5), (2.9, 1.25, -1.0), (2.9, 1.25, 2.5), (3.6, 1.4, 0.5)]
+)
+def test_detail_that_aliases_misleads_as_fits_to_a_torus_say(fap, microlenses, disparity):
+    """To 6 % of the standard error that it adds to noise, where that hangs on its phases over the FAP."""
+    even = {"depth.window": 1, "light.exposure": 1e-4, "sensor.full_well": 1e6, "sensor.read_noise": 1000.0}
+    design = PAPER.replace({**even, "aperture.diameter": fap})
+
+    def sigma(finest):
+        c = Camera.of(
+            design.replace({"depth.finest": finest * float(QUANTITIES["object_sample_mm"](Camera.of(design)))})
+        )
+        return float(axial_disparity_sigma(c, seen_at(c, None)._replace(disparity=np.asarray(disparity))))
+
+    added = math.sqrt(sigma(microlenses) ** 2 - sigma(2.0) ** 2)
+    assert added == pytest.approx(math.sqrt(misled(design, disparity, 1 / microlenses)), rel=0.06)
+
+
+@pytest.mark.parametrize("layout", ["square", "hexagonal"])
+def test_detail_that_aliases_ends_depth_where_views_are_sharp_alone(layout):
+    """In bright light views disagree; what they blur, out of focus, does no harm; nor what they show as it is."""
+    shape = "square" if layout == "square" else "circular"
+    design = PAPER.replace({"microlens_array.layout": layout, "microlens_array.lens_shape": shape})
+    sample = float(QUANTITIES["object_sample_mm"](Camera.of(design)))
+
+    def sigma(microlenses, disparity):
+        c = Camera.of(design.replace({"depth.finest": microlenses * sample}))
+        return float(axial_disparity_sigma(c, seen_at(c, None)._replace(disparity=np.asarray(disparity))))
+
+    least = float(axial_disparity_sigma(Camera.of(design), seen_at(Camera.of(design), None)))
+    assert sigma(1.25, 0.5) == sigma(1.25, -0.5) == sigma(1.25, 0.0) == math.inf
+    assert least < sigma(1.25, 4.0) < 2 * least
+    fold = 1 / PACKINGS[layout].fold
+    assert sigma(0.9999 * fold, 0.5) == pytest.approx(sigma(1.0001 * fold, 0.5), rel=0.02)
 
 
 # --- laws ---------------------------------------------------------------------------------------------------------

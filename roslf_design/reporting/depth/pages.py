@@ -176,7 +176,7 @@ def statements(trial: Trial) -> Iterator[Statement]:
             f"Is the texture seen? In {_percent(trial.aliased)} of the field it aliases: far or tilted as it is there, "
             "its finest detail has fewer than two microlenses a period."
         )
-        remedy = "Depth scatters more there than predicted: look at a flatter or nearer part."
+        remedy = "Depth errs more there, as predicted, or is unknown: look at a flatter or nearer part."
         if trial.black:
             text += f" So much contrast leaves {_percent(trial.black)} of it black, with edges finer than its detail."
             remedy = "Views disagree there, and depth scatters more: give it a contrast of 0.15, or coarser detail."
