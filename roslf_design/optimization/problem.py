@@ -25,9 +25,11 @@ from ..camera import BESIDE, TIP, Camera, Number
 from ..design import PATHS, Design
 from ..evaluation.field_images import FieldImages, rays_tell
 from ..lenses.glass import Glass
+from ..theory.depth_error import MOST_FILL, fill_left
 from ..theory.field_of_view import focus_ahead
 from ..theory.focused import LEAST_VIEWS, LIMIT, filtered_views, pupil_blur_ratio
 from ..theory.light import cut_sides
+from ..theory.quantities import EXPECTED_DEPTHS
 from ..theory.quantity import Quantity
 from ..theory.tube import OUTER, WIDTHS, housed
 from ..tolerancing.draws import sobol_points
@@ -324,6 +326,9 @@ class DesignProblem:
         if self.of_views and not self.in_focus:
             yield row("pixels that are views: microlenses image the pupil", lambda c: 1 - pupil_blur_ratio(c) / LIMIT)
             yield row("pixels enough across a microlens image", lambda c: filtered_views(c) / LEAST_VIEWS - 1)
+        expected = any(part.quantity.name in EXPECTED_DEPTHS for part in (*self.constraints, *self.goals))
+        if expected and "depth.disparity_error" not in self.base.numbers:
+            yield row("views told apart one by one: image fill", lambda c: 1 - fill_left(c) / MOST_FILL[c.layout])
         values = self._values(np.full(self.n, 0.5))
         for label, room in self.main_lens.rooms(values, (*self._set_places, *self.given)):
             yield _own(label, lambda builds, room=room: room(*builds))  # type: ignore[misc]

@@ -17,9 +17,12 @@ from ..camera import TEMPERATURES, Camera, Number
 from ..words import clauses, length, listed, uncertainty
 from .depth_error import (
     MOST_FILL,
+    MOST_FITTED,
     depth_error,
     fill_left,
+    ideal,
     lengths_error,
+    lenses_in_pixel,
     overlap_error,
     seen_at,
     temperature_error,
@@ -237,10 +240,9 @@ def depth_budget(
             BudgetTerm(MISMATCH, "B", "precision", _added(uneven, noise), _mismatch_words(c)),
             BudgetTerm(VEIL, "B", "precision", veil, share + f"; {FULL}" * bool(np.any(np.isinf(veil)))),
         ]
-        overlap = overlap_error(c)
+        overlap = overlap_error(c, at)
         if np.any(overlap):
-            remark = f"image fill {_typical(fill_left(c)):.3g}: beyond {MOST_FILL[c.layout]} views cannot be told apart"
-            terms.append(BudgetTerm(OVERLAP, "B", "precision", overlap, remark))
+            terms.append(BudgetTerm(OVERLAP, "B", "precision", overlap, _overlap_words(c)))
     terms += _lengths(c, at, build, calibration)
     warmth = temperature_error(c, at)
     remark = "neither environment.range nor calibrated_at is given"
@@ -262,6 +264,17 @@ def depth_budget(
     if not worst or met is None or warmth is None or c.shape or np.ndim(warmth) or met[0] == met[1]:
         return budget
     return replace(budget, worst=_at_worst(c, at, budget, met))
+
+
+def _overlap_words(c: Camera) -> str:
+    """Reason why images that overlap tell no depth."""
+    fill = _typical(fill_left(c))
+    words = f"image fill {fill:.3g}: "
+    if not ideal(c):
+        return f"{words}beyond {MOST_FILL[c.layout]} views cannot be told apart"
+    if fill > MOST_FITTED[c.layout]:
+        return f"{words}beyond {MOST_FITTED[c.layout]} texture and depth cannot be told apart"
+    return f"{words}light of {_typical(lenses_in_pixel(c)):.2g} microlenses adds up, and {FULL}"
 
 
 def _folding(c: Camera, plane: Seen) -> str:

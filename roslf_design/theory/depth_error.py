@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -9,12 +11,14 @@ from .._arrays import Array
 from ..bore.chain import ImagedPlane
 from ..bore.part import TEMPERATURE
 from ..camera import TEMPERATURES, Camera, Number
+from ..design.parts import OCTAVES
+from ..shapes.lattice import PACKINGS
 from . import light, light_field
 from .disparity_error import axial_disparity_sigma, disparity_sigmas
 from .disparity_information import Seen
 from .f_number import fill_factor
 from .length_covariance import LengthCovariance
-from .photometry import NOTHING, Beside
+from .photometry import NOTHING, Beside, electrons
 from .quantity import Depth
 from .stop_images import MicrolensImages
 
@@ -22,10 +26,14 @@ RANGE_NODES = np.array([-1.0, -((3 / 7) ** 0.5), 0.0, (3 / 7) ** 0.5, 1.0])
 RANGE_WEIGHTS = np.array([9.0, 49.0, 64.0, 49.0, 9.0]) / 180
 """Gauss-Lobatto nodes over half a range of temperatures about its middle, its ends among them, and their weights."""
 MOST_FILL = {"square": 1.5, "hexagonal": 1.35}
-"""Image fill, by layout, beyond which views cannot be told apart: images of several microlenses reach three quarters of
-the pixels. Of a borescope at a fill of 1.4 depths scatter 1.0 times as predicted, at 1.6 1.9 times, at 1.8 33 times,
-and from 1.97 on no pixel shows mostly its own microlens; of the paper's bench 1.8 times at 1.4; of a hexagonal array
-2.8 times at 1.41, 3.9 at 1.48."""
+"""Image fill, by layout, beyond which views cannot be told apart one by one: images of several microlenses reach three
+quarters of the pixels, and from 1.97 on none shows mostly its own microlens. Told apart so, depths of a borescope
+scatter 1.0 times as predicted at a fill of 1.4, 1.9 times at 1.6, 33 times at 1.8; of the paper's bench 1.8 times at
+1.4; of a hexagonal array 2.8 times at 1.41."""
+MOST_FITTED = {"square": 2.1, "hexagonal": 1.35}
+"""Image fill, by layout, up to which texture and disparities fitted together scatter as predicted: before walls
+1.03 times at 1.6, 1.00 at 1.8 and 1.28 at 2.1 for the paper's bench, .95 over all scenes for a borescope at 2.08; 1.5
+times at 1.6 for a hexagonal array, of which too little was measured."""
 
 
 def plane_at(c: Camera, at: Depth | Array) -> ImagedPlane:
@@ -131,13 +139,28 @@ def temperature_error(c: Camera, at: Depth | Array, met: tuple[Number, Number, N
         return _finite(np.sqrt(np.tensordot(RANGE_WEIGHTS, np.square(told[1:] - told[0]), 1)))
 
 
-def overlap_error(c: Camera) -> Array:
-    """Infinite where images overlap so much that views cannot be told apart, else 0 [mm].
+def overlap_error(c: Camera, at: Depth | Array = None) -> Array:
+    """Infinite where images overlap so much that no depth is known `at` a distance, else 0 [mm].
 
-    0 where the design gives the disparity's error, which counts that.
+    Behind ideal lenses texture and disparities are fitted together, to `MOST_FITTED`, unless light that adds up fills
+    pixels where the texture is brighter by its rms; else views have to be told apart one by one. 0 where the design
+    gives the disparity's error, which counts that.
     """
-    told = "depth.disparity_error" in c.numbers
-    return np.where(told | ~overlapping(c), 0.0, np.inf)[()]
+    if "depth.disparity_error" in c.numbers or not np.any(overlapping(c)):
+        return np.zeros(())[()]
+    bright = electrons(c, at) * lenses_in_pixel(c) * (1 + c["depth.contrast"] * math.sqrt(OCTAVES))
+    fitted = ideal(c) & (fill_left(c) <= MOST_FITTED[c.layout]) & (bright <= c["sensor.full_well"])
+    return np.where(overlapping(c) & ~fitted, np.inf, 0.0)[()]
+
+
+def ideal(c: Camera) -> bool:
+    """Whether first order holds from the scene on, so that views follow from the texture in closed form."""
+    return not (getattr(c.lens, "prescribed", ()) or c.chain.elements)
+
+
+def lenses_in_pixel(c: Camera) -> Array:
+    """Microlenses whose light a pixel has, on average."""
+    return np.asarray(math.pi / 4 * np.square(fill_left(c)) / PACKINGS[c.layout].rise)
 
 
 def overlapping(c: Camera) -> NDArray[np.bool_]:
@@ -157,7 +180,7 @@ def fill_left(c: Camera) -> Array:
 def expected_error(c: Camera, at: Depth | Array) -> Array:
     """Combined standard uncertainty of depth on the axis, but for that of the lengths [mm]."""
     noise, warmth = depth_error(c, at, beside=Beside.of(c)), temperature_error(c, at)
-    return np.hypot(noise + overlap_error(c), 0.0 if warmth is None else warmth)
+    return np.hypot(noise + overlap_error(c, at), 0.0 if warmth is None else warmth)
 
 
 def errors_at_fields(images: MicrolensImages, at: Depth = None, *, bound: bool = True) -> tuple[Array, ...]:
@@ -167,7 +190,7 @@ def errors_at_fields(images: MicrolensImages, at: Depth = None, *, bound: bool =
     """
     warmth = temperature_error(images.camera, at)
     *noise, expected = _errors_at_fields(images, (*((NOTHING,) if bound else ()), Beside.of(images.camera)), at)
-    return *noise, np.hypot(expected + overlap_error(images.camera), 0.0 if warmth is None else warmth)
+    return *noise, np.hypot(expected + overlap_error(images.camera, at), 0.0 if warmth is None else warmth)
 
 
 def _finite(error: Array) -> Array:

@@ -83,6 +83,8 @@ def quantity_named(name: str) -> Quantity:
 
 DEPTH_ERRORS = ("sigma_z_mm", "u_z_mm", EXPANDED)
 """Errors of one depth on the axis."""
+EXPECTED_DEPTHS = ("u_z_mm", EXPANDED, "u_z_at_field_mm")
+"""Depths, expected: of all that is known."""
 ALIKE = 0.01
 """Share by which windows differ that are alike."""
 NO_LENS_MOVES = frozenset(

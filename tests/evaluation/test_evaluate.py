@@ -336,20 +336,33 @@ def test_a_focal_length_beside_a_part_that_has_another_is_told(paper):
 
 
 def test_depth_that_overlapping_images_cannot_tell_is_none_and_says_why(paper):
-    """`roslf depth` knows no microlens of the mismatched borescope, whose images are 2.08 pitches wide."""
+    """Images of the mismatched borescope are 2.08 pitches wide: by its own light pixels of 3.4 microlenses are full."""
     design = roslf.load("mismatched-borescope")
     result = roslf.evaluate(design)
     assert math.isinf(result.depth_budget.u_z_mm)
     assert math.isfinite(result.depth.sigma_z_mm)
-    assert re.search(r"none +image overlap", result.everything)
+    assert re.search(r"none +pixels are full", result.everything)
     term = next(term for term in result.to_dict()["depth"]["expected"]["terms"] if term["name"] == "image overlap")
     assert term["u_mm"] is None
-    assert "beyond 1.5" in term["remark"]
+    assert "light of 3.4 microlenses adds up" in term["remark"]
+    dim = roslf.evaluate(design.replace({"light.exposure": 0.3 * result.depth.assumes.exposure_s}))
+    assert math.isfinite(dim.depth_budget.u_z_mm)
+    assert "image overlap" not in dim.everything
     given = roslf.evaluate(design.replace({"depth.disparity_error": 0.05}))
     assert math.isfinite(given.depth_budget.u_z_mm)
     assert "image overlap" not in roslf.evaluate(paper).everything
     packed = paper.replace({"microlens_array.layout": "hexagonal", "aperture.diameter": 1.4 * paper.D_F})
     assert math.isinf(roslf.evaluate(packed).depth_budget.u_z_mm)
+
+
+@pytest.mark.parametrize(("name", "wider"), [("paper", 2.2), ("paper-singlet", 1.6)])
+def test_no_depth_is_told_where_nothing_tells_texture_and_views_apart(name, wider):
+    """Images wider than any that were measured; behind a real lens all that have to be told apart one by one."""
+    design = roslf.load(name)
+    design = design.replace({"aperture.diameter": wider * design.aperture.diameter, "light.exposure": 1e-4})
+    budget = roslf.evaluate(design).depth_budget
+    assert math.isinf(budget.u_z_mm)
+    assert "cannot be told apart" in budget.largest.remark
 
 
 def test_an_ideal_lens_beyond_a_double_gauss_of_f_1_4_over_46_degrees_says_so():

@@ -20,6 +20,7 @@ from roslf_design.optimization.search import SearchBudget
 from roslf_design.optimization.solve import Settings, solve
 from roslf_design.optimization.study import read_study, run
 from roslf_design.reporting.optimise.pages import statements
+from roslf_design.theory.photometry import exposure
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.quantity import finite, from_finite
 from tests.optimization.posing import PAPER, goal, limit, posed
@@ -216,14 +217,23 @@ def test_where_no_parts_are_listed_the_reason_is_told():
         refuse_all(combinations)
 
 
-def test_an_infinite_depth_names_its_cause_and_its_remedy():
-    """Wide FAPs overlap images wherever it is looked for: by closed form fills from 1.5 on tell no views apart."""
+def test_images_that_overlap_too_much_are_no_design_and_named():
+    """Wide FAPs overlap images wherever it is looked for: no depth is looked for at fills from 1.5 on."""
     wide = [("design", "rigid-scope"), ("variables", {"D_F": ["0.8 mm", "1.2 mm"]}), ("constraints", [])]
     result = study(ASKED, *wide, ("goals", [{"quantity": "u_z_mm", "direction": "min"}]))
-    said = next(statements(result))
-    fill = float(QUANTITIES["fill_factor"](Camera.of(next(design for _, design in result.designs()))))
-    assert f"= ∞ mm; image overlap, image fill {fill:.3g}: beyond 1.5 views cannot be told apart." in said.text
-    assert said.remedy.startswith('Hold images apart: [[constraints]] quantity = "fill_factor", max = 1;')
+    assert "no camera was found (views told apart one by one: image fill)" in next(statements(result)).text
+
+
+def test_depth_is_looked_for_where_views_are_told_apart_one_by_one():
+    """Fitted together they tell more beyond, in little light: the search stays below all the same."""
+    dim = PAPER.replace({"light.exposure": float(exposure(Camera.of(PAPER))) / 4, "depth.disparity_error": None})
+    bounds, least = {"D_F": (2.0, 6.0)}, goal("u_z_mm", "min")
+    answer = solve(posed(bounds, [], least, design=dim), QUICK)
+    best = answer.problem.design_at(answer.unit)
+    beyond = dim.replace({"aperture.diameter": 1.2 * best.D_F})
+    assert answer.feasible
+    assert float(QUANTITIES["fill_factor"](Camera.of(best))) == pytest.approx(1.5, abs=1e-3)
+    assert float(QUANTITIES["u_z_mm"](Camera.of(beyond))) < answer.number(least)
 
 
 @pytest.mark.parametrize(("across", "named"), [(60.0, True), (10.0, False)])

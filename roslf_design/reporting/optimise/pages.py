@@ -26,7 +26,7 @@ from ...optimization.study import Result
 from ...optimization.traces import Retrace
 from ...optimization.variables import NUMBERS
 from ...tables import Column
-from ...theory.depth_budget import NOISE, OVERLAP, WARMTH, depth_budget
+from ...theory.depth_budget import NOISE, WARMTH, depth_budget
 from ...theory.focused import pupil_blur_ratio
 from ...theory.light import microlens_defocus_waves
 from ...theory.quantities import QUANTITIES, bound_note, in_words
@@ -54,8 +54,6 @@ HOLD_REQUIRED = "Hold it, too: required = true in the study takes it over as lim
 """Remedy of an optimum that misses what its design's `[required]` asks for."""
 WIDER = "Widen the bounds, or ask for something else."
 OF_INFINITE = {
-    OVERLAP: 'Hold images apart: [[constraints]] quantity = "fill_factor", max = 1; where no design then holds every '
-    "limit, lower the bounds of D_F or d_2.",
     NOISE: "Pixels need light that does not fill them, and the scene texture: exposure, illuminance, depth.contrast.",
     WARMTH: "A housing that expands less or a narrower environment.range keeps the camera in focus.",
 }
