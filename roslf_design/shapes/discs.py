@@ -23,8 +23,8 @@ Array = Floats
 EMPTY, CLIPPED, FULL = int(ImageFate.DARK), int(ImageFate.CLIPPED), int(ImageFate.FULL)
 """Fates of disc 0 as kernels take them: nothing left, part left, whole."""
 
-INTERPRETED_BELOW = 4096
-"""Shapes (times discs) up to which compiling, or even loading compiled code, takes longer than it saves."""
+DISC = 2e-5
+"""Seconds that each disc of a shape takes interpreted."""
 
 LARGEST = 1e70
 """Lengths [mm] beyond which squares of areas overflow."""
@@ -106,20 +106,18 @@ def intersect(centres: ArrayLike, radii: ArrayLike) -> DiscIntersection:
     """
     centre, radius = checked(centres, radii)
     lead, k = radius.shape[:-1], radius.shape[-1]
-    return common(shapes, INTERPRETED_BELOW, lead, k, centre.reshape(-1, k, 2), radius.reshape(-1, k))
+    compiled = shapes.pays(DISC * radius.size)
+    return common(shapes, compiled, lead, k, centre.reshape(-1, k, 2), radius.reshape(-1, k))
 
 
-def common(
-    kernel: Kernel[..., None], interpreted_below: int, lead: tuple[int, ...], k: int, *sets: Any
-) -> DiscIntersection:
+def common(kernel: Kernel[..., None], compiled: bool, lead: tuple[int, ...], k: int, *sets: Any) -> DiscIntersection:
     """Run a kernel over n sets of k openings, arrays (n, ...), and lay out the table that it fills.
 
-    The table's columns, shape (n, 8), are area, kept and lost fraction, centroid, moments; interpreted for few.
+    The table's columns, shape (n, 8), are area, kept and lost fraction, centroid, moments.
     """
     n = len(sets[0])
     table, status, clipping = np.empty((n, 8)), np.empty(n, np.int8), np.empty((n, k), np.bool_)
-    run = kernel.interpreted if n * k < interpreted_below and not kernel.ready else kernel.compiled
-    run(*sets, table, status, clipping)
+    (kernel.compiled if compiled else kernel.interpreted)(*sets, table, status, clipping)
     area, kept, lost = table[:, :3].T.reshape(3, *lead)
     return DiscIntersection(
         area,

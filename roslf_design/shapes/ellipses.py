@@ -53,7 +53,9 @@ def intersect_ellipses(
     c, s, p = (np.ascontiguousarray(part) for part in sets)
     own = (c[:, first], s[:, first]) if first < k else _spans(p[:, first - k])
     middle, form = map(np.ascontiguousarray, own)  # kernels are compiled once more for another layout
-    return common(_ellipse_shapes, INTERPRETED_BELOW, lead, k + p.shape[1], middle, form, c, s, p, first)
+    total = k + p.shape[1]
+    compiled = _ellipse_shapes.ready or len(c) * total >= INTERPRETED_BELOW
+    return common(_ellipse_shapes, compiled, lead, total, middle, form, c, s, p, first)
 
 
 def _spans(polygon: Array) -> tuple[Array, Array]:
