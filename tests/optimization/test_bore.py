@@ -160,7 +160,7 @@ def test_a_cone_is_its_two_ends_as_what_passes_both_passes_its_wall():
 
 
 @pytest.mark.parametrize(
-    "key, value", [("decentre", ["0.1 mm", "0 mm"]), ("tilt", ["0 mrad", "2 mrad"]), ("bore", True)]
+    ("key", "value"), [("decentre", ["0.1 mm", "0 mm"]), ("tilt", ["0 mrad", "2 mrad"]), ("bore", True)]
 )
 @pytest.mark.parametrize("part", ["tube", "stops"])
 def test_what_no_centred_stop_stands_for_is_refused(part, key, value):
