@@ -288,7 +288,7 @@ def _doubt(c: Camera, plane: Seen) -> str:
     blur = _typical(view_blur(c, plane.disparity))
     unsharp = (
         f"single views are blurred over {blur:.2g} pitches there: depths of simulated pictures are off by "
-        f"{'up to twice' if blur < 2.25 else 'up to five times' if blur <= 3 else 'many times'} the noise told"
+        f"{'up to twice' if blur < 2.25 else 'up to five times' if blur <= 3 else 'many times'} the noise predicted"
     )
     aliased = f"{_folding(c, plane)}, and aliases" if folds(c, plane).any() else ""
     return clauses(unsharp * (blur > SHARP), aliased)
