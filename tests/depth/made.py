@@ -57,7 +57,7 @@ class Texture:
         """At rows v and columns u, each a line of places [pitches]; columns may stand `lower`, each by its own."""
         amplitude, along, down, phase = self.waves.T
         across = amplitude * np.exp(1j * (np.multiply.outer(u, along) - np.multiply.outer(lower, down) + phase))
-        return self.mean + np.real(np.einsum("vw,uw->vu", np.exp(1j * np.multiply.outer(v, down)), across))
+        return self.mean + np.real(np.exp(1j * np.multiply.outer(v, down)) @ across.T)
 
 
 def disc(across, cut=None):

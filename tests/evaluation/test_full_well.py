@@ -42,12 +42,13 @@ def wall():
     """Views without noise of a texture of six octaves, whose mean is 1, and the pupil's."""
     tile = Noise(finest=1.0, contrast=0.1, seed=3).load()
     seen = ndimage.gaussian_filter(tile / tile.mean(), FINEST / math.sqrt(12), mode="wrap")
+    seen = ndimage.spline_filter(seen, mode="grid-wrap")
     pupil, inside = disc(5)
     place = 100 + FINEST * np.arange(160)
     views = np.zeros((5, 5, 160, 160), np.float32)
     for t, s in np.argwhere(inside):
         at = np.meshgrid(place - FINEST * pupil[1, t, s], place - FINEST * pupil[0, t, s], indexing="ij")
-        views[t, s] = ndimage.map_coordinates(seen, at, order=3, mode="grid-wrap")
+        views[t, s] = ndimage.map_coordinates(seen, at, order=3, mode="grid-wrap", prefilter=False)
     return views, pupil, inside
 
 

@@ -6,6 +6,8 @@ from another Python.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 WAVELENGTH = 550e-6
@@ -81,8 +83,7 @@ def _meeting(mp, surface, p, d, s):
     reach = 2 * mp.mpf(surface["semi"]) + min(200, 2 * abs(1 / c if c else 0))  # the rest of a flat sphere is far away
     count = 800
     steps = [nearest + reach * (mp.mpf(2 * j) / count - 1) for j in range(count + 1)]
-    gaps = [gap(t) for t in steps]
-    for low, high, at_low, at_high in zip(steps, steps[1:], gaps, gaps[1:], strict=False):
+    for (low, at_low), (high, at_high) in itertools.pairwise((t, gap(t)) for t in steps):
         if at_low is None or at_high is None or not (at_low <= 0 < at_high):
             continue
         for _ in range(210):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -71,6 +72,8 @@ def integrals(
         places, span = slices(centres, radii, polygon)
         if places[-1] <= places[0]:
             return [mp.mpf(0) for _ in along]
+        if len(along) > 1:  # each asks for the same slices
+            span = functools.cache(span)
 
         def integrand(slice_: Slice) -> Callable[[Any], Any]:
             def at(x: Any) -> Any:
