@@ -159,7 +159,8 @@ def _quadrature(camera: LensCamera, c: Array) -> tuple[Array, Array, Array, floa
     moments = np.array([np.sum(weight * x * x), np.sum(weight * x * y), np.sum(weight * y * y)]) / total
     # The part of the FAP that is seen at all: from points all over it back to the sensor, from the nearest lit one.
     wanted = camera.fap.filled(sunflower(PUPIL_SAMPLES).T)
-    nearest = np.argmin(np.sum(np.square(wanted[:, None] - at.pupil[room >= 0]), axis=-1), axis=1)
+    seen = at.pupil[room >= 0]
+    nearest = np.argmin(0.5 * np.sum(np.square(seen), axis=-1) - wanted @ seen.T, axis=1)
     back = sensor_of_pupil(camera, c, wanted, start=p[0][room >= 0][nearest])
     return total * step * step, mean, moments, float(np.mean(back.ok & (back.views.margin >= 0)))
 
