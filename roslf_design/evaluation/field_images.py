@@ -27,7 +27,7 @@ from ..traced.fields import DesignImages, IdealImages, images_of
 from ..traced.images import measured_bound
 from ..words import listed, number, the
 from .fields import default_fields, judged_field, lit_share, place_off_axis, round_radius
-from .resolved import LEVELS, WAYS, Place, Resolved, known, resolved
+from .resolved import LEVELS, Place, Resolved, known, resolved
 from .stations import ASKED
 
 CORNER, RIM, DARK_CORNER = "corner of the field", "rim of the round field", "corner of the sensor"
@@ -294,8 +294,8 @@ class FieldImages:
 
     def usable(self, at: float | None) -> float:
         """Detail on the axis that shows as what it is, as `Rays` has it [lp/mm]."""
-        transfer = self.images.transfer(0, self._plane(at))
-        return min(self.detail(LEVELS[0], at), *map(transfer.fold, WAYS))
+        usable = self.detail_at((self.images, 0), at).usable_lp_per_mm
+        return math.nan if usable is None else usable
 
     def share(self, quantity: Quantity, at: float | None) -> float | None:
         """Value that rays tell over that of the thin-lens model; None of what they do not tell, or cannot."""

@@ -55,7 +55,7 @@ class _RealLensWords(_LensWords):
     )
     curves = (
         " Rays through the real lens show what it does to the light of a point: a view has of its aberrations what its "
-        "part of the FAP sees, the image refocused by one shift for all of it has them all."
+        "part of the FAP sees, the refocused image all that its sharpest slope does not undo."
     )
     unmeasured = ()
     uncounted = ('The lens counts as thin and ideal in all quantities but "real lens".',)

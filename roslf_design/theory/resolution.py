@@ -25,7 +25,7 @@ On a veil both are `photometry.contrast_left` times that, at every frequency abo
 
 Scalar, incoherent scene of one wavelength; as many places as one likes between microlenses: what sampling once a
 microlens makes of detail beyond `fold` is not in it. Behind a real lens light is not moved by rho p' but as rays are
-(`..traced.fields`); the refocused image moves its views by rho p all the same, what is left blurs it.
+(`..traced.fields`); the refocused image moves its views by one rho p all the same, that which leaves least blur.
 """
 
 from __future__ import annotations

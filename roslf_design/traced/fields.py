@@ -3,14 +3,16 @@
 Detail is blurred by what the lens does to the light of an object point. Its ray through a point of the FAP meets the
 array at u; p' is where a microlens shows that point of the FAP. The ideal lens has u = rho p'; this one's u over p' is
 a polynomial through some tens of rays, and its mean between two places of the FAP's image, times their distance, the
-difference of the wave's phases there. Views and the refocused image take their blur from it alike.
+difference of the wave's phases there. Views and the refocused image take their blur from it alike. The refocused image
+is that of the slope at which it is sharpest, as whoever refocuses finds it: the lens's best focus, which with spherical
+aberration or a curved field is not the first-order one, has another slope than the plane's.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -55,6 +57,12 @@ TRIALS = 9
 """Places across an image between which light's phases are taken to turn one way."""
 MOST_TURNS = 64.0
 """Periods by which a lens turns them, beyond which nothing is left of the contrast."""
+HALF = 0.5
+"""Contrast that a slope is to keep of detail as fine as it can."""
+SLOPES = np.linspace(-1.0, 1.0, 65)
+"""Slopes that are tried, by the periods that they turn detail's phases by between an image's middle and its rim."""
+OCTAVES, HALVINGS = 8, 10
+"""Octaves of detail below that of a microlens's width in which that is looked for, and halvings of them."""
 GAUSS = 1 / math.sqrt(3)
 """Two places so far from the middle of a stretch have its mean, of cubic polynomials."""
 
@@ -140,17 +148,19 @@ class DesignImages(LensImages):
         outline = images.boundary[field]
         away = float(np.hypot(*place))
         x, y = images.centroid[field].tolist()
-        return _TracedTransfer(
+        beam = beam or _Beam(Polynomials(np.zeros(2), np.ones(2), np.zeros((2, 1, 1))), 0.0, 0.0)
+        transfer = _TracedTransfer(
             self.camera,
             Openings.of_discs(images.chief[field][None], np.array([np.ptp(outline, axis=0).max() / 2])),
             (x, y) if known else None,
-            float(image_rate(self.camera, at)),
+            beam.rate,
             *self._scales(field, at),
             (float(place[0] / away), float(place[1] / away)) if away > 1e-12 * float(self.camera.d) else (1.0, 0.0),
             _contrast(self, field, at),
             outline,
-            beam or _Beam(Polynomials(np.zeros(2), np.ones(2), np.zeros((2, 1, 1))), 0.0),
+            beam,
         )
+        return transfer.sharpest if known else transfer
 
     @property
     def _pupil(self) -> Array:
@@ -175,8 +185,10 @@ class DesignImages(LensImages):
             return None
         ways, place = moved.T[comes], place[comes]
         half = np.full(2, np.ptp(place, axis=0).max() / 2)
-        spread = float(np.std(ways - float(image_rate(self.camera, at)) * place, axis=0).max())
-        return _Beam(Polynomials.fitted(place[0], half, DEGREE, place.T, (ways - ways[0]).T), spread)
+        off, strayed = place - place.mean(axis=0), ways - ways.mean(axis=0)
+        rate = float((strayed * off).sum() / np.square(off).sum())
+        spread = float(np.std(ways - rate * place, axis=0).max())
+        return _Beam(Polynomials.fitted(place[0], half, DEGREE, place.T, (ways - ways[0]).T), rate, spread)
 
 
 def images_of(design: Design, fields: ArrayLike) -> IdealImages | DesignImages:
@@ -189,6 +201,8 @@ class _Beam(NamedTuple):
 
     ways: Polynomials
     """Ways on the array (x, y) of light through the FAP's points by where a microlens shows those [mm]."""
+    rate: float
+    """Slope at which its rays meet with the least spread."""
     spread: float
     """Standard deviation of what no refocusing undoes of them, along the axis where it is larger [mm]."""
 
@@ -211,6 +225,34 @@ class _TracedTransfer(FieldTransfer):
     def round(self) -> bool:
         """Whether a quarter turn changes nothing but the scale."""
         return False
+
+    @property
+    def sharpest(self) -> _TracedTransfer:
+        """The same, refocused by the slope that keeps half the contrast of the finest detail, of either direction."""
+        best, most = self, -math.log2(float(self.camera.d) * max(self.along, self.across))
+        low, high = most - OCTAVES, most
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2
+            slope, contrast = best._slope_of(2**middle)
+            if contrast >= HALF:
+                best, low = replace(self, rate=slope), middle
+            else:
+                high = middle
+        return best
+
+    def _slope_of(self, detail: float) -> tuple[float, float]:
+        """Slope that shows detail of the object best [lp/mm], and the contrast of the direction that has less."""
+        slopes = SLOPES * 2 / (detail * max(self.along, self.across) * self._width)
+        least = np.full(SLOPES.shape, np.inf)
+        for way in ("tangential", "sagittal"):
+            nu, axes = detail * self.scale(way), self.axes(way)
+            along, up = -nu * np.multiply.outer(axes, slopes)
+            lens = self._spectrum(nu, np.array(axes), along, up, np.zeros(1))[0] / self._area
+            least = np.minimum(least, np.abs(lens * self._lens.refocused(self.rate + slopes, nu, axes)))
+        k = int(np.clip(least.argmax(), 1, len(SLOPES) - 2))
+        before, there, after = least[k - 1 : k + 2].tolist()  # a parabola's top
+        off = (after - before) / 2 / max(2 * there - before - after, abs(after - before), 1e-300)
+        return self.rate + float(slopes[k] + off * (slopes[1] - slopes[0])), self.contrast * there
 
     @property
     def softest(self) -> float:
