@@ -227,9 +227,7 @@ class Prescription:
 
     def first_order(self, wavelength: float) -> FirstOrder:
         """Gaussian constants; parameters and errors as of the function of this name."""
-        media = [1.0, *(float(surface.glass.index(wavelength)) for surface in self.surfaces)]
-        curvatures, gaps = ([getattr(s, name) for s in self.surfaces] for name in ("vertex_curvature", "thickness"))
-        return FirstOrder.of(curvatures, gaps, media, self.length)
+        return _constants(self, float(wavelength))
 
 
 @dataclass(frozen=True)
@@ -428,6 +426,16 @@ class FirstOrder(NamedTuple):
         if slope == 0:
             return math.inf, math.inf
         return self.length - float((a * -z + b) / slope), float(1 / slope)
+
+
+@lru_cache(maxsize=128)
+def _constants(lens: Prescription, wavelength: float) -> FirstOrder:
+    """Gaussian constants, asked for in every camera behind the same lens."""
+    media = [1.0, *(float(surface.glass.index(wavelength)) for surface in lens.surfaces)]
+    curvatures, gaps = ([getattr(s, name) for s in lens.surfaces] for name in ("vertex_curvature", "thickness"))
+    constants = FirstOrder.of(curvatures, gaps, media, lens.length)
+    constants.matrix.setflags(write=False)
+    return constants
 
 
 def _plain(value: Any) -> Any:
