@@ -217,6 +217,11 @@ class SeenBore(Symbols[Number]):
         return (self.fap, *self.rims)
 
     @property
+    def has_straight_sides(self) -> bool:
+        """Whether straight sides bound any opening."""
+        return any(rim.outline.straight for rim in self.openings)
+
+    @property
     def openings_ahead(self) -> tuple[Rim, ...]:
         """Every opening before the main lens, the FAP first."""
         return (self.fap, *self.rims[1:])

@@ -124,6 +124,16 @@ class Subject:
             return float(self._field.radius)
         return self.brief.field_radius + math.hypot(*self.camera.decentre("microlens_array"))
 
+    @cached_property
+    def outermost(self) -> list[list[float]]:
+        """Places from the main lens's axis at which openings are asked what they cut [mm]: one is at `lens_field`.
+
+        Corners of the field where its openings have straight sides.
+        """
+        if self.brief.field_radius is None and self.camera.has_straight_sides:
+            return np.asarray(self._field.corners).tolist()
+        return [[self.lens_field, 0.0]]
+
 
 class Estimate(NamedTuple):
     """Estimate of an effect's size, and a few words on it."""

@@ -110,7 +110,7 @@ def _rays(camera: Camera, radius: float) -> tuple[Floats, Floats, Floats, Floats
     turn = np.linspace(0, 2 * np.pi, RIM, endpoint=False)
     poses = (".decentre.", ".tilt.", ".wedge.")
     posed = any(value for place, value in camera.numbers.items() if any(pose in place for pose in poses))
-    posed |= any(rim.outline.straight for rim in camera.openings)
+    posed |= camera.has_straight_sides
     ways = turn if posed else turn[:1]
     turn = turn if posed else turn[: RIM // 2 + 1]  # the other half is its mirror image
     fields = np.array([[r * np.cos(way), r * np.sin(way)] for r in RADII for way in ways]) * radius

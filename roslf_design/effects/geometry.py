@@ -33,15 +33,21 @@ def _cut_depth(s: Subject) -> float:
     """How deep the main lens and the further stops cut into the FAP's image at the field's rim, on the sensor [mm].
 
     0 where the FAP's image lies inside all others (the non-distortion margin of Eqs. 5-6 is not negative), its whole
-    diameter where nothing is left. Decentres count at their worst.
+    diameter where nothing is left. Decentres count at their worst where all openings are round.
     """
-    openings = stop_openings(s.camera, np.array([0.0, s.lens_field]), 0.0)
-    middle, aside = openings.centres
-    moved, own = aside - middle, float(openings.spans[0, 0])
-    apart = np.hypot(*(moved[1:] - moved[0]).T)  # in the worst direction, whatever the shapes
-    depths = apart - openings.at(0).rooms[1:]
+    x, y = np.transpose([(0.0, 0.0), *s.outermost])
+    openings = stop_openings(s.camera, x, y)
+    aside, own = openings.centres[1:], float(openings.spans[0, 0])
+    if len(s.outermost) > 1:
+        depths = -np.min([openings.at(k).rooms[1:] for k in range(1, len(x))], axis=0)
+    else:
+        moved = aside[0] - openings.centres[0]
+        apart = np.hypot(*(moved[1:] - moved[0]).T)  # in the worst direction
+        depths = apart - openings.at(0).rooms[1:]
     if s.camera.leaning:
-        room = room_at(s.camera, s.lens_field * magnitude(s.camera.seen.inverse_m))
+        scale = s.camera.seen.inverse_m
+        places = -np.array(s.outermost) * scale if len(s.outermost) > 1 else None
+        room = room_at(s.camera, s.lens_field * magnitude(scale), places)
         for k in s.camera.leaning:
             rim = s.camera.rims[k]
             depths[k] = -room[k] / (rim.scale * rim.radius) * float(openings.spans[0, k + 1]) / 2

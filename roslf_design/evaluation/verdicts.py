@@ -186,7 +186,7 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None, answer: F
     cuts = (lens and lens.cut_by) or thin.cut_by
     by_thin = _field_remedy(camera, cuts) if cuts else ""
     off = any(np.any(value) for at, value in camera.numbers.items() if ".decentre." in at)
-    worst = " in the worst direction" if off or any(rim.outline.straight for rim in camera.openings) else ""
+    worst = " in the worst direction" if off or camera.has_straight_sides else ""
     if lens is not None:
         bound = (
             f"measured through {lens.lens}, whole out to {lens.x_ml_max_mm:.4g} mm on the MLA "
@@ -222,9 +222,10 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None, answer: F
         return Verdict.of("field_undistorted", text, by_thin)
     bound = "at any field"
     leaning = thin.limited_by in [camera.rims[k].opening for k in camera.leaning]
-    if leaning and thin.x0_max_mm < thin.field_half_diagonal_mm * (1 - FEASIBLE):
+    straight = camera.has_straight_sides and not camera.round_fields
+    if (leaning or straight) and thin.x0_max_mm < thin.field_half_diagonal_mm * (1 - FEASIBLE):
         bound = (
-            f"over all that the sensor sees; {the(thin.limited_by)}, which leans, would cut beyond "
+            f"over all that the sensor sees; {the(thin.limited_by)}{', which leans,' * leaning} would cut beyond "
             f"{thin.x0_max_mm:.4g} mm object radius, but in directions that the sensor does not see so far"
         )
     elif math.isfinite(thin.x0_max_mm):

@@ -212,7 +212,7 @@ def _judged(bore: Camera, diameter: float, distance: float) -> EquivalentPupil:
     seen = float(sensor_field(camera).radius)
     fields = np.linspace(0.0, min(seen, float(lit_radius(bore))), FIELDS)
     # Stops are centred: opposite fields are alike.
-    turns = DIRECTIONS if any(rim.outline.straight for rim in camera.openings) else 1
+    turns = DIRECTIONS if camera.has_straight_sides else 1
     turn = np.linspace(0, np.pi, turns, endpoint=False)[:, None]
     openings = stop_openings(camera, fields * np.cos(turn), fields * np.sin(turn))
     every = range(openings.total)

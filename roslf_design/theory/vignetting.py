@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator
+from functools import partial
 from itertools import combinations, permutations
 from itertools import product as pairs_of
 from typing import Any, NamedTuple
@@ -31,7 +32,7 @@ LIT = 1 / 3
 """Share of a pencil's width on the axis that is left at least where a field counts as lit: .29 of a disc's light."""
 
 
-def room_at(c: Camera, object_radius: ArrayLike, places: Array | None = None) -> Array:
+def room_at(c: Camera, object_radius: ArrayLike, places: Array | None = None, *, straight_there: bool = True) -> Array:
     """Room between the pencil of the worst field point at a radius and each rim, on that rim's plane [mm].
 
     Parameters
@@ -41,7 +42,10 @@ def room_at(c: Camera, object_radius: ArrayLike, places: Array | None = None) ->
     object_radius : array_like
         |X_0| on the focal plane, as the main lens sees it [mm].
     places : ndarray, shape (..., P, 2), optional
-        Places there at which rims that lean by design are asked, instead of in the worst direction [mm].
+        Places there at which rims that lean by design, and all where sides are straight, are asked, instead of in the
+        worst direction [mm].
+    straight_there : bool
+        Whether straight sides are.
 
     Returns
     -------
@@ -54,16 +58,22 @@ def room_at(c: Camera, object_radius: ArrayLike, places: Array | None = None) ->
     pupil = c.decentre("aperture")
 
     def at_rim(rim: Rim) -> Array:
-        if rim.leans and places is not None:
+        u, v = np.zeros(()), np.zeros(())
+        placed = rim.leans or (straight_there and (rim.outline.straight or c.fap.outline.straight))
+        if placed := placed and places is not None:
             builds = np.broadcast_shapes(places.shape[:-2], c.shape)
-            x, y = np.moveaxis(np.broadcast_to(places, (*builds, *places.shape[-2:])), (-1, -2), (0, 1))
-            return np.asarray(rim.scale * leaning_room(c, rim, np.hypot(x, y), np.arctan2(y, x)).min(axis=0))
+            u, v = np.moveaxis(np.broadcast_to(places, (*builds, *places.shape[-2:])), (-1, -2), (0, 1))
+        if rim.leans and placed:
+            return np.asarray(rim.scale * leaning_room(c, rim, np.hypot(u, v), np.arctan2(v, u)).min(axis=0))
         if rim.leans:
             return rim.scale * leaning_room(c, rim, radius)
-        between = d_f - rim.distance
+        between, way = d_f - rim.distance, rim.distance - d_3
         x, y = (2 * (o * between - e * gap) for e, o in zip(c.decentre(rim.part), pupil, strict=True))
-        axial = rim.outline.scaled(room).room(c.fap.outline.scaled(2 * magnitude(between)), x, y)
-        here = settled(ratio(axial - 2 * radius * np.abs(d_3 - rim.distance), room), rim.radius)
+        left = rim.outline.scaled(room).room(
+            c.fap.outline.scaled(2 * magnitude(between)), x + 2 * u * way, y + 2 * v * way
+        )
+        left = np.min(left, axis=0) if placed else left - 2 * radius * np.abs(way)
+        here = settled(ratio(left, room), rim.radius)
         anywhere = room_in_pupil(c, rim)
         return rim.scale * np.where(np.isnan(anywhere), here, anywhere)
 
@@ -78,11 +88,51 @@ def _rows(c: Camera, of: Callable[..., Array], *known: Array) -> Array:
 def corner_room(c: Camera, field: SensorField | None = None) -> Array:
     """`room_at` the corner of what the sensor sees (`field`, its own by default) that is farthest off the axis.
 
-    Of rims that lean by design at that of the corners which they leave least.
+    Of rims that lean by design, and of all with straight sides, at that of the corners which they leave least; of a
+    round field that is required, straight sides are asked all round its rim.
     """
     field, scale = field or sensor_field(c), np.asarray(c.seen.inverse_m)
-    corners = -field.corners * scale[..., None, None] if c.leaning else None
-    return room_at(c, field.radius * magnitude(scale), corners)
+    corners = -field.corners * scale[..., None, None] if c.leaning or c.has_straight_sides else None
+    return room_at(c, field.radius * magnitude(scale), corners, straight_there=not _round(c, field))
+
+
+def _round(c: Camera, field: SensorField) -> bool:
+    """Whether a field is the square in a round one that is required."""
+    return bool(c.round_fields) and field is not sensor_field(c)
+
+
+def _straight_bounds(c: Camera, rim: Rim) -> Iterator[tuple[tuple[float, float], float]]:
+    """Sides of the part of the focal plane whose pencils a rim with straight sides leaves whole: normals and distances.
+
+    As the main lens sees it, of one build [mm]; none of round rims and of those that lean by design.
+    """
+    if rim.leans:
+        return
+    between, way, gap = (float(z) for z in (c.seen.d_f - rim.distance, rim.distance - c.seen.d_3, c.seen.gap))
+    pupil, own = c.decentre("aperture"), c.decentre(rim.part)
+    x, y = (2 * float(o * between - e * gap) for e, o in zip(own, pupil, strict=True))
+    fap = c.fap.outline.scaled(2 * abs(between))
+    for (u, v), edge in rim.outline.scaled(2 * abs(gap)).sides:
+        left = float(edge - fap.support(u, v) - u * x - v * y)
+        turned = math.copysign(1.0, way)
+        yield (turned * float(u), turned * float(v)), float(ratio(left, 2 * abs(way)))
+
+
+def _cut_from(c: Camera, field: SensorField, rim: Rim, bound: float) -> float:
+    """Least radius of the places in a field that a rim cuts [mm]: `bound`, or where straight sides begin to in it."""
+    ends = np.sort(np.reshape(field, (2, 2)) * -float(c.seen.inverse_m), axis=0).T
+    found = list[float]()
+    for (u, v), edge in _straight_bounds(c, rim):
+        low, high = -math.inf, math.inf  # of the way along that side
+        for start, way, (least, most) in ((edge * u, -v, ends[0]), (edge * v, u, ends[1])):
+            if way:
+                one, other = sorted(((least - start) / way, (most - start) / way))
+                low, high = max(low, one), min(high, other)
+            elif not least <= start <= most:
+                low, high = math.inf, -math.inf
+        if low <= high and edge >= 0:
+            found.append(math.hypot(edge, min(max(0.0, low), high)))
+    return min(found, default=bound)
 
 
 def undistorted_radii(c: Camera) -> Array:
@@ -280,7 +330,7 @@ class _FieldLimit(NamedTuple):
     cuts: list[dict[str, Any]]
     """Rims that cut what the sensor sees, by more than an optimiser's rounding may leave, the first of them first: each
     with the object radius beyond which it does and the room at the farthest corner, below 0 [mm]. The first cuts beyond
-    `radius` where a rim that leans ends that in a direction that the sensor does not see."""
+    `radius` where a rim that leans or has straight sides ends that in a direction that the sensor does not see."""
 
     @property
     def numbers(self) -> dict[str, Any]:
@@ -309,8 +359,10 @@ def field_limit(c: Camera, field: SensorField | None = None) -> _FieldLimit:
     bounds = np.array([max(float(bound), 0.0) for bound in undistorted_radii(c)])
     rooms = [float(room) for room in corner_room(c, field)]
     nearest, slack = int(np.argmin(rooms)), ROUNDING * float(c.D)
-    first, *others = sorted(range(len(rooms)), key=lambda k: (rooms[k] >= -slack, bounds[k], rooms[k]))
-    real = on_focal_plane(c, bounds).tolist()
+    seen = field or sensor_field(c)
+    begin = bounds if _round(c, seen) else np.array([*map(partial(_cut_from, c, seen), c.rims, bounds)])
+    first, *others = sorted(range(len(rooms)), key=lambda k: (rooms[k] >= -slack, begin[k], rooms[k]))
+    whole, real = on_focal_plane(c, np.stack([bounds, begin], axis=-1)).T.tolist()
     cuts = [
         {"rim": c.rims[k].opening, "beyond_mm": real[k], "clearance_mm": rooms[k]}
         for k in (first, *others)
@@ -318,4 +370,4 @@ def field_limit(c: Camera, field: SensorField | None = None) -> _FieldLimit:
     ]
     ends, names = int(np.argmin(bounds)), (c.rims[first].opening, c.rims[nearest].opening)
     on_array = float(bounds[ends]) / abs(float(c.seen.inverse_m))
-    return _FieldLimit(real[ends], on_array, names[0], rooms[nearest], names[1], cuts)
+    return _FieldLimit(whole[ends], on_array, names[0], rooms[nearest], names[1], cuts)
