@@ -55,7 +55,7 @@ from .part_verdicts import buildable, named_otherwise, walled
 from .required import Requirement, depth_off_axis, requirements
 from .result import Evaluation
 from .specification import depth_assumptions
-from .verdicts import sharp_over_field, verdicts_of
+from .verdicts import best_focus, sharp_over_field, verdicts_of
 
 METHOD = (
     "Closed forms and exact disc areas for pinhole microlenses in focus behind an ideal thin lens; rounding errors are "
@@ -166,7 +166,7 @@ def evaluate(
     if traced is not None:
         method.append(TRACED)
     method += filter(None, [design.main_lens.kind.untold])
-    lenses = *sharp_over_field(answer, traced), *buildable(design, camera), *walled(shown, camera)
+    lenses = *best_focus(shown), *sharp_over_field(answer, traced), *buildable(design, camera), *walled(shown, camera)
     return Evaluation(
         design=design.name,
         answer=answer,

@@ -89,12 +89,15 @@ class Requirement:
     """Microlens that sees that place; None in the middle, and where the sensor does not see the place."""
     coverage: float = 1.0
     """Factor k of a file that limits U: words tell k times the value and the limits, which are of u."""
+    untold: bool = False
+    """Whether nothing here tells if it is met: a depth whose views a real lens's aberrations set astray."""
     by_builds: str = ""
     """Outcome by the share of a tolerance study's builds; empty where these do not tell it."""
 
     def holds(self, values: Array | float) -> NDArray[np.bool_]:
-        """Where values are within, but for what an optimiser's rounding may leave; nowhere where they are NaN."""
-        return quantity_named(self.quantity).within(self.min, self.max, values)
+        """Where values are within, but for what an optimiser's rounding may leave; nowhere where they tell nothing."""
+        within = quantity_named(self.quantity).within(self.min, self.max, values)
+        return np.zeros_like(within) if self.untold else within
 
     @property
     def limits(self) -> str:
@@ -153,6 +156,8 @@ class Requirement:
     @property
     def outcome(self) -> str:
         """Whether it is met, in words."""
+        if self.untold:
+            return f"not known {self.only}"
         if self.met and self.by_builds in ("", "met"):
             return f"met {self.only}".rstrip()
         return self.by_builds if self.met else "missed"
@@ -160,6 +165,8 @@ class Requirement:
     @property
     def level(self) -> str:
         """Level of its verdict: good, limit or fault."""
+        if self.untold:
+            return "limit"
         level = OUTCOMES[self.by_builds or "met"] if self.met else "fault"
         return "limit" if level == "good" and self.only else level
 
@@ -176,6 +183,8 @@ class Requirement:
         if self.met:
             how = "as required" if level == "good" else self.outcome
             return Verdict(name, level != "fault", level, f"{how}: {text}", "" if level == "good" else self.remedy)
+        if self.untold:
+            return Verdict(name, False, level, f"{self.outcome}: {text}", self.remedy)
         short = ""
         if self.value is not None and math.isfinite(self.value):
             low, high = -math.inf if self.min is None else self.min, math.inf if self.max is None else self.max
@@ -226,13 +235,14 @@ def requirements(
         numbers = (asked.at, low, high, None if judged.undefined else seen.value)
         words = (judged.counts, judged.only, judged.remedy)
         there: tuple[Any, ...] = (judged.twin, field, judged.caution, seen.place, coverage)
+        there += (judged.untold,)
         told.append(Requirement(quantity.name, label, *numbers, quantity.unit, judged.met, *words, *there))
     return tuple(_with_conflict(shown.design, one, told) for one in told)
 
 
 def _with_conflict(design: Design, one: Requirement, others: Sequence[Requirement]) -> Requirement:
     """Requirement that is missed, its remedy being that it and another exclude each other, where they do."""
-    if one.met:
+    if one.met or one.untold:
         return one
     pairs = ((rule, other) for other in others if other is not one for rule in CONFLICTS)
     words = next(filter(None, (rule(design, one, other) for rule, other in pairs)), "")
@@ -385,7 +395,11 @@ def required_of(
 
 def missed_words(required: Sequence[Requirement]) -> str:
     """Words on what is required and not met, with the limits that it misses; empty where all is met."""
-    return ", ".join(f"{one.label} {one.value_words} ({one.limits})" for one in required if not one.met)
+    return ", ".join(
+        f"{one.label} {'not known' if one.untold else one.value_words} ({one.limits})"
+        for one in required
+        if not one.met
+    )
 
 
 def limits_for_study(design: Design) -> tuple[dict[str, Any], ...]:

@@ -10,19 +10,23 @@ import numpy as np
 
 from .._arrays import product
 from ..camera import Camera
-from ..theory import tube
+from ..theory import field_of_view, tube
 from ..theory.colours import PIXEL_FILTERS
 from ..theory.f_number import TOUCHING_PX, fill_factor, matched
 from ..theory.focused import LEAST_VIEWS, FocusedArray, filtered_views, pupil_remedy
 from ..theory.light import sensor_field
+from ..theory.quantities import image_rate
 from ..theory.quantity import FEASIBLE
 from ..theory.stop_images import MicrolensImages
+from ..traced.fields import IdealImages, images_of
 from ..words import clauses, length, listed, number, on_side, percent, place, the
 from .answer import STOP, FirstAnswer
-from .field_images import RIM
+from .field_images import RIM, FieldImages
 from .fields import Place
 from .groups import Numbers, RealLens, Verdict
 from .remedies import GAP_SLACK, OVERLAP_SLACK, SLACK_PX, ways_of
+from .resolved import resolved
+from .stations import ASKED
 
 TURN_GAIN = 0.05
 """Share by which the undistorted field must grow for turning a lens round to be a remedy."""
@@ -40,6 +44,9 @@ UNCUT, CUT_IN_IT = "microlens images uncut over the field", "microlens images cu
 """The paper's undistorted field, or not, in words that no picture's distortion is taken for."""
 SHARP = 0.5
 """Part of the middle's detail that the corner of the field shows from which sharpness holds over the field."""
+
+GAIN, REFOCUSED = 1.05, 3
+"""Times the detail from which a real lens's best focus is told, and steps by which it is looked for."""
 
 
 def verdicts_of(
@@ -107,6 +114,37 @@ def sharp_over_field(answer: FirstAnswer, lens: RealLens | None) -> tuple[Verdic
         'what single views keep; studies hold it by quantity = "spot_pitches" with a field'
     )
     return (Verdict("sharp_over_field", False, "limit", text, remedy),)
+
+
+def best_focus(shown: FieldImages) -> tuple[Verdict, ...]:
+    """Where a real lens is sharpest, and the focal plane that brings it there; nothing where detail gains little."""
+    design, images, lens = shown.design, shown.images, shown.design.main_lens.kind
+    if isinstance(images, IdealImages):
+        return ()
+    camera = images.camera
+    focus = sharpest = float(field_of_view.focus_ahead(camera))
+    step = focus / 100
+    steep = float(image_rate(camera, focus + step)) / step
+    for _ in range(REFOCUSED):
+        sharpest -= images.transfer(0, sharpest).rate / steep
+        if not 0 < sharpest < 2 * focus:
+            return ()
+    plane = float(f"{design.d_f + focus - sharpest:.4g}")
+    now, then = (
+        resolved(one, 0, (ASKED, focus), "refocused").usable_lp_per_mm or 0.0
+        for one in (images, images_of(design.replace(d_f=plane), [(0.0, 0.0)]))
+    )
+    if then < GAIN * now:
+        return ()
+    text = (
+        f"best focus of {lens.name} is not its first-order one: the array is in focus {number(focus, 4)} mm ahead of "
+        f"the tip to first order, and sharpest at {number(sharpest, 4)} mm"
+    )
+    remedy = (
+        f'focal_plane = "{plane:g} mm" of [main_lens] brings it to {number(focus, 4)} mm, where a refocused image then '
+        f"shows {number(then, 3)} lp/mm for {number(now, 3)}"
+    )
+    return (Verdict("best_focus", False, "limit", text, remedy),)
 
 
 def _focused(camera: Camera, array: FocusedArray) -> Verdict:

@@ -162,6 +162,11 @@ class DesignImages(LensImages):
         )
         return transfer.sharpest if known else transfer
 
+    def astray(self, field: int, at: float | None) -> float:
+        """Standard deviation of the ways by which views miss one slope [pitches]; infinite where too few rays come."""
+        beam = self._beam(field, at)
+        return math.inf if beam is None else beam.spread / float(self.camera.d)
+
     @property
     def _pupil(self) -> Array:
         """Points of the FAP that object points send rays through, (R, 2) [mm]."""

@@ -20,6 +20,9 @@ from roslf_design.evaluation.reservations import AS_BUILT
 from roslf_design.evaluation.result import answer_tables, depth_budget_tables
 from roslf_design.reporting.sheet.lines import basis, datasheet_json
 from roslf_design.theory.length_covariance import CalibratedLengths, LengthCovariance
+from roslf_design.traced.camera import camera_of
+from roslf_design.traced.fields import images_of
+from roslf_design.traced.images import forward_rays
 from roslf_design.units import parse_quantity
 from roslf_design.words import number, uncertainty
 
@@ -55,7 +58,7 @@ def test_limits_are_held_against_what_the_tables_say():
         "unit": "mm", "met": True,
         "counts": "of shot and read noise and view mismatch, without lengths as built and temperature",
         "only": "as drawn", "remedy": AS_BUILT, "thin_twin": None, "field": None,
-        "caution": "", "x_ml_mm": None,
+        "caution": "", "x_ml_mm": None, "untold": False,
     }  # fmt: skip
     assert told[3]["value"] is None  # infinite
     assert told[3]["met"]
@@ -347,6 +350,55 @@ def test_a_real_lens_gets_no_tick_by_a_number_of_its_thin_twin():
     assert [one.only for one in held.required] == ["", alone, alone, "", ""]
     assert [verdict.level for verdict in held.verdicts[:5]] == ["good", "limit", "limit", "good", "good"]
     assert held.required[4].value == held.answer.at[0].width_mm / 2
+
+
+SCANNER = """
+name = "scanner"
+main_lens = {part = "AC254-045-A", focal_plane = "90 mm"}
+aperture = {diameter = "8 mm", distance = "5 mm"}
+microlens_array = {pitch = "25 um", focal_length = "265 um", size = ["12 mm", "9 mm"]}
+sensor = {part = "IMX535", distance = "265 um"}
+light = {wavelength = "550 nm", illuminance = "10000 lx", reflectance = 0.4, exposure = "5 ms"}
+required = {expanded_u_z_mm = [{max = "0.5 mm"}, {max = "1 um"}]}
+"""
+
+
+def test_a_depth_whose_views_aberrations_set_astray_is_not_known():
+    """Of spherical aberration a r^3 its best slope leaves a/(6 sqrt 2) of standard deviation along an axis."""
+    design = loads(SCANNER)
+    result = roslf.evaluate(design)
+    loose, tight = result.required
+    verdict = next(one for one in result.verdicts if one.name == "required_u_z_mm")
+    assert (loose.met, loose.untold, loose.level, verdict.ok) == (False, True, "limit", False)
+    assert loose.outcome.startswith("not known")
+    assert "roslf depth" in verdict.remedy
+    assert not loose.holds(0.0)
+    assert (tight.met, tight.untold, tight.outcome) == (False, False, "missed")  # by formulas already
+    narrow = roslf.evaluate(design.replace(D_F=4.0)).required[0]
+    assert (narrow.met, narrow.untold) == (True, False)
+    lens = camera_of(design)
+    away, half = lens.first_order.front_principal - 90.0, lens.fap.diameter / 2
+    moved = forward_rays(
+        lens, np.zeros(2), half * np.array([[0.0, 0.0], [1e-3, 0.0], [1.0, 0.0]]), lens.wavelength, z=away
+    )
+    ways = moved[0].T[:, 0] - moved[0].T[0, 0]
+    rim = ways[2] - 1e3 * ways[1]
+    assert images_of(design, [(0.0, 0.0)]).astray(0, None) == pytest.approx(
+        abs(rim) / math.sqrt(72) / design.d, rel=0.1
+    )
+
+
+def test_where_a_real_lens_is_sharpest_is_told_with_the_focal_plane_that_brings_it_there():
+    """By a scan of the plane at which the array needs no slope: what it is told to be, and finer detail once moved."""
+    design = loads(SCANNER.replace("required", "# required"))
+    one = next(one for one in roslf.evaluate(design).verdicts if one.name == "best_focus")
+    told = float(one.text.rpartition("sharpest at ")[2].removesuffix(" mm"))
+    planes = np.linspace(told - 2, told + 2, 9)
+    rates = [images_of(design, [(0.0, 0.0)]).transfer(0, plane).rate for plane in planes]
+    assert np.interp(0.0, rates, planes) == pytest.approx(told, abs=0.05)
+    plane = float(one.remedy.split('"')[1].removesuffix(" mm"))
+    assert plane == pytest.approx(90 + 85 - told, abs=0.01)  # the tip is the FAP
+    assert "best_focus" not in [one.name for one in roslf.evaluate("paper-singlet").verdicts]
 
 
 def test_pixels_that_are_no_views_hold_no_limit_on_views():

@@ -639,8 +639,8 @@ def _required_rows(result: StudyResult, variants: Sequence[Variant]) -> Iterator
         if (share := share_that_meets(plan, result.final, one)) is None:
             known = "uncalibrated" if result.calibration is None else "calibrated"
             bare = f", {known}{_focused_as(plan)}" * (one.quantity == "u_z_mm")
-            outcome = "met" if one.met else "missed"
-            yield _LimitRow(one.label, asked, (*before, None), outcome, without=f"{one.value_words}{bare}")
+            outcome, without = "met" if one.met else "missed", f"{'not known' if one.untold else one.value_words}{bare}"
+            yield _LimitRow(one.label, asked, (*before, None), outcome, without=without)
         else:
             target = result.study.yield_target
             yield _LimitRow.of(one.label, asked, (*before, share), target, culprit_of(plan, one))
