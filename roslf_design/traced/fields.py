@@ -233,7 +233,7 @@ class _TracedTransfer(FieldTransfer):
 
     @property
     def sharpest(self) -> _TracedTransfer:
-        """The same, refocused by the slope that keeps half the contrast of the finest detail, of either direction."""
+        """Transfer refocused by the slope that keeps half the contrast of the finest detail, of either direction."""
         best, most = self, -math.log2(float(self.camera.d) * max(self.along, self.across))
         low, high = most - OCTAVES, most
         for _ in range(HALVINGS):

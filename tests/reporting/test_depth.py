@@ -78,6 +78,13 @@ def test_errors_that_depths_do_not_exceed_on_the_whole_are_not_called_too_small(
     assert ("too small: for this scene believe" in remedy) == (faults["spread"] > 0.010)
 
 
+def test_few_depths_far_beyond_their_errors_are_told_beside_the_tick_too():
+    few, none = measured(100, tail=0.0028)[-1], measured(100)[-1]
+    assert few.tone == none.tone == "good"
+    assert "0.28 % are off by more than five times theirs" in few.text
+    assert "five times" not in none.text
+
+
 def test_the_wall_s_predicted_error_and_evaluate_s_bound_differ_by_their_textures():
     """Evaluate of the same texture says the same: detail of 2.5 microlenses, contrast against a part a tenth darker."""
     paper = roslf.load("paper")

@@ -222,15 +222,18 @@ def statements(trial: Trial) -> Iterator[Statement]:
         f"Are the errors reported with each depth right? {100 * inside:.0f} % of the depths lie within theirs, "
         "68 % would be right."
     )
+    far = summary.beyond_5 or 0.0
+    tail = f"{100 * far:.2g} % are off by more than five times theirs, where chance puts next to none"
     wrong: tuple[Tone, str] | None = None
     rms = math.hypot(spread, bias)
     if inside < RIGHT[0] - room or rms > WIDE * (1 + math.sqrt(2 / windows)) * summary.told_mm:
         wrong = "caution", _too_few_inside(trial, summary, rms, windows)
     elif inside > RIGHT[1] + room:
         wrong = "caution", "They are larger than need be: depths are better than reported."
-    elif (summary.beyond_5 or 0.0) > TAIL:
-        tail = 100 * (summary.beyond_5 or 0.0)
-        wrong = "caution", f"Some are far off: {tail:.2g} % by more than five times the errors reported."
+    elif far > TAIL:
+        wrong = "caution", f"Some are far off: {tail}."
+    elif far > 0:
+        text += f" But {tail}, as beside a step or on a steep flank: check such places."
     yield _judged(text, windows, errors_right(summary), wrong)
 
 
