@@ -125,6 +125,11 @@ class StandingElement(NamedTuple):
         """Clear aperture [mm]; infinite where it lets everything through."""
         return self.at.get("diameter", math.inf)
 
+    def rims_before(self, farther: StandingElement) -> Number:
+        """How far rims of it and of the next element stand towards each other, as a mirror's that leans [mm]."""
+        wide, tall = self.diameter, farther.diameter
+        return self.element.reach(wide, tall / 2) + farther.element.reach(tall, wide / 2)
+
     def through(self, step: _ChainStep, inside: Number, passed: Flags) -> _ChainStep:
         """Light past as much of it as lies `inside` [mm], of a thin one where it is `passed`."""
         p, q, r, s = forward = self.element.forward(self.at, inside, passed)
@@ -213,15 +218,12 @@ class BoreWalk(NamedTuple):
             x, y = (s + (own - at) for s, own, at in zip(shifts, part.at.pair("decentre"), centre, strict=True))
             yield part, ImagedPlane(f * c, f * d, 0.0, 0.0, (x, y), (0.0, 0.0), 1.0)
 
-    def apart(self, stops: Mapping[str, Number]) -> Iterator[tuple[str, Flags]]:
-        """Pairs of elements and stops that might stand in each other, in words, and True where they do not."""
+    def apart(self, stops: Mapping[str, Number]) -> Iterator[tuple[str, Number]]:
+        """Pairs of elements and stops that might stand in each other, in words, and the room between [mm]."""
         for part, (name, stop) in product(self.parts, stops.items()):
-            clear = np.less_equal(stop, part.start) | np.greater_equal(stop, part.end)
-            yield f"{name} and {part.name} {COLLIDE}", clear
+            yield f"{name} and {part.name} {COLLIDE}", np.maximum(part.start - stop, stop - part.end)
         for part, farther in pairwise(self.parts):
-            wide, tall = part.diameter, farther.diameter
-            between = part.element.reach(wide, tall / 2) + farther.element.reach(tall, wide / 2)
-            yield f"{part.name} and {farther.name} {COLLIDE}", np.less_equal(part.end + between, farther.start)
+            yield f"{part.name} and {farther.name} {COLLIDE}", farther.start - (part.end + part.rims_before(farther))
 
 
 @dataclass(frozen=True)

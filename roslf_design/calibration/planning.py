@@ -113,7 +113,7 @@ class Captures:
 
         Not given, the board is one of 4 x 5 cells, of 6 mm where the sensor sees it whole at its nearest, and distances
         lie about the focal plane, over a quarter of the way from the FAP to it, or from the lens where the FAP lies
-        behind.
+        behind; at the nearest, half way from what stands in the bore to the focal plane.
 
         Raises
         ------
@@ -124,8 +124,9 @@ class Captures:
             raise CalibrationError(f"a range of distances is not negative, got {distance_range:g} mm")
         middle = design.d_f if distance is None else distance
         pupil = pupil_of(design)
-        spread = (design.d_f - max(pupil, 0.0)) / 4 if distance_range is None else distance_range
         camera = Camera.of(design)
+        room = max(middle - max(pupil, float(camera.chain.end(camera.numbers))), 0.0)
+        spread = min((design.d_f - max(pupil, 0.0)) / 4, room) if distance_range is None else distance_range
         image = abs(float(microlens_image_diameter(camera) * camera.fap.outline.slimness))
         nearest = middle - spread / 2
         board = fitting_board(design, nearest, middle + spread / 2) if board is None else board
@@ -404,9 +405,12 @@ def expected_errors(
     names, pupil = shared_names(distortion), _pupil(camera, sheet)
     end, what = max((pupil, "FAP is"), (0.0 if sheet.space is None else sheet.space.end, "farthest element ends"))
     if captures.distance - captures.distance_range / 2 <= end:
+        fits = f"a distance beyond {end + captures.distance_range / 2:.1f} mm fits"
+        if captures.distance > end:
+            fits = f"a range of {captures.distance - end:.3g} mm fits there, half way to it at the nearest"
         raise CalibrationError(
             f"boards at {captures.distance:g} mm over {captures.distance_range:g} mm reach into the bore: the {what} at"
-            f" {end:.1f} mm from the lens"
+            f" {end:.1f} mm from the lens; {fits}"
         )
     if captures.views == 1 or captures.boards == 1:
         raise CalibrationError(f"these captures do not determine A, m and d_2: {reason(captures)}")

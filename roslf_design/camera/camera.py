@@ -333,6 +333,10 @@ class Camera(PosedParts):
                 reasons |= fresh
         return reasons
 
+    def rooms(self) -> Iterator[tuple[str, Number]]:
+        """Pairs of elements and stops, in the words of `faults`, and the room between them [mm]: below 0, none."""
+        return self._walk.apart({rim.name: rim.ruler_distance for rim in self.stop_openings})
+
     def _conditions(self) -> tuple[Iterator[tuple[str, Any]], ...]:
         """Conditions that a camera holds, with the message where it does not.
 
@@ -356,8 +360,7 @@ class Camera(PosedParts):
         for rim in self.openings_ahead:
             ahead = ahead & (np.asarray(rim.ruler_distance) < plane)
         yield "focal plane in the bore", ahead | past
-        stops = {rim.name: rim.ruler_distance for rim in self.stop_openings}
-        yield from self._walk.apart(stops)
+        yield from ((words, room >= 0) for words, room in self.rooms())
 
 
 def _shown(value: Number) -> str:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from .._arrays import product
-from ..camera import Camera
+from ..bore.part import TEMPERATURE
+from ..camera import TEMPERATURES, Camera
 from ..theory import field_of_view, tube
 from ..theory.colours import PIXEL_FILTERS
 from ..theory.f_number import TOUCHING_PX, fill_factor, matched
@@ -77,7 +78,23 @@ def verdicts_of(
         answers = [*asked, *answers, first] if focused is None else [*asked, first, *answers]
     answers += thin
     answers += [] if answer is None else [lit(answer)]
-    return (*answers, *fits, *_reversed(camera))
+    return (*_collisions(camera), *answers, *fits, *_reversed(camera))
+
+
+def _collisions(camera: Camera) -> tuple[Verdict, ...]:
+    """Whether parts stand in each other at temperatures where the camera is used; nothing where they do not."""
+    ends = [camera.numbers[place] for place in TEMPERATURES[:2] if place in camera.numbers]
+    used = [("", camera), *((f" at {end:g} °C", camera.replace({TEMPERATURE: end})) for end in ends)]
+    short = dict[str, tuple[str, float]]()
+    for there, one in used:
+        for words, room in one.rooms():
+            if not room >= 0:
+                short.setdefault(words, (there, -float(room)))
+    if not short:
+        return ()
+    told = [f"{words} by {number(by, 3)} mm{there}" for words, (there, by) in short.items()]
+    remedy = "move them apart by as much" + ", or make a leaning mirror smaller" * bool(camera.chain.folding)
+    return (Verdict.of("parts_clear", f"cannot be put together: {listed(told)}", remedy),)
 
 
 def _reversed(camera: Camera) -> tuple[Verdict, ...]:

@@ -334,7 +334,10 @@ class DesignProblem:
             yield _own(label, lambda builds, room=room: room(*builds))  # type: ignore[misc]
 
     def _kept_apart(self) -> Iterator[tuple[End, End, str]]:
-        """Pairs of ends that must not overlap: elements, stops and elements, in the order of the base design."""
+        """Pairs of ends that must not overlap: elements, stops and elements, in the order of the base design.
+
+        Those of which one varies, and those that overlap in the base design.
+        """
         base, chain = self.base, self.base.chain
         named = [at.name for at in self.design.in_bore]
 
@@ -342,17 +345,26 @@ class DesignProblem:
             start = f"elements.{k}.distance"
             return itemgetter(start), lambda c: c[start] + chain.length(c.numbers, k)
 
+        def rim(k: int, farther: int) -> End:
+            near, far = chain.order.index(k), chain.order.index(farther)
+            return lambda c: ends(k)[1](c) + (parts := chain.standing(c.numbers))[near].rims_before(parts[far])
+
+        def clear(near: End, far: End) -> bool:
+            return bool(far(base) >= near(base))
+
         moved = {place.rpartition(".")[0] for place in (*self._set_places, *self.given)}
         for k, farther in pairwise(chain.order):
-            if moved & {f"elements.{k}", f"elements.{farther}"}:
-                yield ends(k)[1], ends(farther)[0], f"{named[k]} clear of {named[farther]}"
-        for rim in base.stop_openings:
-            stop: End = itemgetter(f"{rim.part}.distance")
+            near, far = rim(k, farther), ends(farther)[0]
+            if moved & {f"elements.{k}", f"elements.{farther}"} or not clear(near, far):
+                yield near, far, f"{named[k]} clear of {named[farther]}"
+        for opening in base.stop_openings:
+            stop: End = itemgetter(f"{opening.part}.distance")
             for k in chain.order:
-                if moved & {rim.part, f"elements.{k}"}:
-                    start, end = ends(k)
-                    before = rim.ruler_distance <= (start(base) + end(base)) / 2
-                    yield *((stop, start) if before else (end, stop)), f"{rim.name} clear of {named[k]}"
+                start, end = ends(k)
+                before = opening.ruler_distance <= (start(base) + end(base)) / 2
+                near, far = (stop, start) if before else (end, stop)
+                if moved & {opening.part, f"elements.{k}"} or not clear(near, far):
+                    yield near, far, f"{opening.name} clear of {named[k]}"
 
     def _rows_of(self, index: int, constraint: Constraint) -> Iterator[_LimitRow]:
         worst = constraint.quantity.worst if constraint.field is None else None

@@ -529,10 +529,13 @@ class TolerancePlan:
         Raises
         ------
         InputError
-            The nominal design has no value for a limit: no build would tell anything.
+            The nominal design has no value for a limit, as where its parts collide: no build would tell anything.
         """
         labels = (self.columns[l.column].label for l in self.limits if np.isnan(self.nominal[l.column]))
         if undefined := ", ".join(dict.fromkeys(labels)):
+            if reasons := [words for words, flags in faults_of(self.question, {}, 1).items() if flags.any()]:
+                told = f"the nominal design cannot be built: {'; '.join(reasons)}; `roslf evaluate` has the remedy"
+                raise InputError((Problem("design", told),), origin)
             words = f"{undefined}: the nominal design has no value there; limit it at other fields, or drop it"
             raise InputError((Problem("goals", words),), origin)
         return self

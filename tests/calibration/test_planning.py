@@ -236,3 +236,18 @@ def test_a_main_lens_focused_at_infinity_has_an_H_to_know_and_no_d_f():
     assert sigma["H"] == pytest.approx(d_3 / f * sigma_m, rel=0.01)
     assert planning.trust_in("H", sigma, {"H": 1.0, "m": 0.0, "d_f": math.inf}) == "good"
     assert planning.trust_in("d_f", sigma, {"H": 1.0, "m": 0.0, "d_f": 1e20}) == "bad"
+
+
+def test_boards_keep_clear_of_the_bore_by_default_and_what_does_not_is_told_what_does():
+    """7.8 mm before a window's end at 82 mm: a quarter of the way from the FAP is 21 mm, half in the bore."""
+    window = {"kind": "plate", "distance": 81.0, "thickness": 1.0, "material": "N-BK7"}
+    design = load("paper").replace({"aperture.distance": 5.0}).replace({"f": 47.0, "d_f": 90.0})
+    design = design.replace({"elements": [window]})
+    captures = Captures.for_design(design)
+    assert captures.distance - captures.distance_range / 2 == pytest.approx((82.0 + captures.distance) / 2)
+    assert calibration_plan(design, PlanOptions()).captures.ends[0] > 82.0
+    said = calibration_plan(design, PlanOptions(range=30.0))
+    assert "reach into the bore" in said
+    assert not isinstance(
+        calibration_plan(design, PlanOptions(range=float(re.search(r"range of ([\d.]+) mm", said)[1]))), str
+    )

@@ -54,6 +54,41 @@ def inserted(design):
     return float(roslf.quantity("insertion_diameter_mm")(Camera.of(design)))
 
 
+@pytest.fixture
+def fold():
+    """A mirror at 45 degrees of 18.5 mm, whose rim reaches 18.5/2 sin 45° = 6.541 mm, and a window 6 mm before it."""
+    return roslf.load("paper").replace(
+        {
+            "aperture.distance": 5.0,
+            "elements": [
+                {"kind": "mirror", "distance": 75.0, "angle": math.radians(45.0), "diameter": 18.5},
+                {"kind": "plate", "distance": 81.0, "thickness": 1.0, "material": "N-BK7"},
+            ],
+        }
+    )
+
+
+def test_parts_that_collide_are_a_fault_a_limit_and_a_reason(fold, tmp_path):
+    short = 18.5 / 2 * math.sin(math.radians(45)) - 6
+    said = roslf.evaluate(fold).verdicts[0]
+    assert (said.name, said.level) == ("parts_clear", "fault")
+    assert f"mirror 1 and plate 2 collide by {short:.3g} mm" in said.text
+    for clear in ({"elements.0.diameter": 16.8}, {"elements.1.distance": 81 + short + 1e-9}):
+        assert "parts_clear" not in [one.name for one in roslf.evaluate(fold.replace(clear)).verdicts]
+    still = posed({"d_2": (1.9, 2.1)}, (), goal("aperture_constant", "max"), design=fold)  # neither part moves
+    assert not solve(still, Settings(starts=1, seed=1), lambda *_: None).feasible
+    moved = {"elements.1.distance": (79.0, 90.0), "d_2": (1.9, 2.1)}
+    problem = posed(moved, (), goal("working_distance_mm", "max"), design=fold)
+    found = solve(problem, Settings(starts=1, seed=1), lambda *_: None)
+    assert found.feasible
+    assert problem.named(found.unit)["elements.1.distance"] == pytest.approx(81 + short, rel=1e-5)
+    save(fold, tmp_path / "fold.toml")
+    study = 'name = "s"\ndesign = "fold.toml"\ngrade = "precision"\n[[goals]]\nquantity = "fill_factor"\nmin = 0.9\n'
+    (tmp_path / "study.toml").write_text(study, encoding="utf-8")
+    with pytest.raises(roslf.InputError, match="cannot be built: mirror 1 and plate 2 collide"):
+        roslf.tolerance(tmp_path / "study.toml")
+
+
 def verdict(design, name):
     return next(verdict for verdict in roslf.evaluate(design).verdicts if verdict.name == name)
 
