@@ -176,3 +176,16 @@ def test_no_line_strikes_through_the_words_of_a_dimension(name):
             (x0, y0), (x1, y1) = (panel.at(*end) for end in zip(np.ravel(line.x), np.ravel(line.y), strict=True))
             apart = max(x0, x1) <= x - half or min(x0, x1) >= x + half or max(y0, y1) < y - 4 or min(y0, y1) > y + 4
             assert apart, mark.text
+
+
+@pytest.mark.parametrize("long", [0.5, 4.0, 10.0, 40.0])
+def test_words_beside_a_short_dimension_are_within_the_picture(long):
+    """Of a tube far ahead of the lens as well, whose line leaves no room for them on the object's side."""
+    tube = {"outer_diameter": 4.8, "wall": 0.3, "length": long}
+    picture = dimensions(PAPER.replace({"tube": tube, "D_F": 1.5, "stops": [{"diameter": 4.0, "distance": 205.0}]}))
+    (panel,) = picture.panels
+    for mark in (mark for mark in panel.marks if isinstance(mark, Text)):
+        wide = FONT.getlength(re.sub("_", "", mark.text)) * mark.size / 1000
+        left = panel.at(mark.x, mark.y)[0] + mark.dx - wide * {"start": 0.0, "middle": 0.5, "end": 1.0}[mark.anchor]
+        assert left >= 0, mark.text
+        assert left + wide <= picture.size[0], mark.text

@@ -842,7 +842,8 @@ def dimensions(design: Design) -> Picture:
         middle = _clear_middle(a, b, below, wide, 8 / unit)
         if middle is None:
             marks.append(Line([a, b], [level, level], "ink", 0.9, ends="<>"))
-            aside.append(Text(a, level, text, "ink", SMALL, "end", -7.0, 4, plate=True))
+            at, end, off = (a, "end", -7.0) if a - wide > x.low else (b, "start", 7.0)
+            aside.append(Text(at, level, text, "ink", SMALL, end, off, 4, plate=True))
         else:  # the line stops before its words
             for end, side in ((a, -1), (b, 1)):
                 marks.append(Line([middle + side * wide / 2, end], [level, level], "ink", 0.9, ends=">"))

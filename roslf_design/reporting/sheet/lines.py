@@ -797,7 +797,7 @@ def datasheet_section(grounds: SpreadSources, tell: Share = UNHEARD) -> Section:
             continue
         told = (_spread(line, sigma) for _, sigma in spreads)
         tables.setdefault(line.subject, []).append((line.name, _value(line), *told, line.remark))
-    widths, align = (24, 10, *(8 for _ in spreads), 0), f"ld{'l' * len(spreads)}l"
+    widths, align = (22, 8, *(7 for _ in spreads), 0), f"ld{'l' * len(spreads)}l"
     headings = ("", "value", *(heading for heading, _ in spreads), "")
     blocks: list[Block] = [Paragraph(grounds.words)]
     words = lens_words(grounds.design.main_lens.kind)
@@ -874,7 +874,7 @@ def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = N
     behind = [block for block in section.blocks if isinstance(block, Figure) or _explains(block)]
     lines = [block for block in section.blocks if block not in behind]
     if views:
-        behind.append(depth_figure(design, known, tall=180.0))
+        behind.append(depth_figure(design, known, tall=250.0))
     signed = Section(section.title, (head, signatures(), *lines, dimensions_sheet(design)))
     annex = (Section("Annex", tuple(behind)),) if behind else ()
     which = ", ".join(f"{what} {value.split()[0]}" for what, value in head.rows[1:4] if value != NONE)
