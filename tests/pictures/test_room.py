@@ -178,11 +178,11 @@ def test_no_line_strikes_through_the_words_of_a_dimension(name):
             assert apart, mark.text
 
 
-@pytest.mark.parametrize("long", [0.5, 4.0, 10.0, 40.0])
-def test_words_beside_a_short_dimension_are_within_the_picture(long):
+@pytest.mark.parametrize("ahead", [205.0, 290.0, 325.0])
+def test_words_beside_a_short_dimension_are_within_the_picture(ahead):
     """Of a tube far ahead of the lens as well, whose line leaves no room for them on the object's side."""
-    tube = {"outer_diameter": 4.8, "wall": 0.3, "length": long}
-    picture = dimensions(PAPER.replace({"tube": tube, "D_F": 1.5, "stops": [{"diameter": 4.0, "distance": 205.0}]}))
+    tube = {"outer_diameter": 4.8, "wall": 0.3, "length": 10.0}
+    picture = dimensions(PAPER.replace({"tube": tube, "D_F": 1.5, "stops": [{"diameter": 4.0, "distance": ahead}]}))
     (panel,) = picture.panels
     for mark in (mark for mark in panel.marks if isinstance(mark, Text)):
         wide = FONT.getlength(re.sub("_", "", mark.text)) * mark.size / 1000
