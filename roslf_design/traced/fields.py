@@ -246,7 +246,7 @@ class _TracedTransfer(FieldTransfer):
         return best
 
     def _slope_of(self, detail: float) -> tuple[float, float]:
-        """Slope that shows detail of the object best [lp/mm], and the contrast of the direction that has less."""
+        """Slope that shows detail of the object best [lp/mm], and its contrast, on no veil, in the worse direction."""
         slopes = SLOPES * 2 / (detail * max(self.along, self.across) * self._width)
         least = np.full(SLOPES.shape, np.inf)
         for way in ("tangential", "sagittal"):
@@ -257,7 +257,7 @@ class _TracedTransfer(FieldTransfer):
         k = int(np.clip(least.argmax(), 1, len(SLOPES) - 2))
         before, there, after = least[k - 1 : k + 2].tolist()  # a parabola's top
         off = (after - before) / 2 / max(2 * there - before - after, abs(after - before), 1e-300)
-        return self.rate + float(slopes[k] + off * (slopes[1] - slopes[0])), self.contrast * there
+        return self.rate + float(slopes[k] + off * (slopes[1] - slopes[0])), there
 
     @property
     def softest(self) -> float:

@@ -55,7 +55,7 @@ def test_the_quoted_field_is_lit_and_beyond_it_is_less_than_a_third_of_a_pencil(
         # Equal discs a third of whose width is common leave .219, a strip through the middle .416.
         assert 0.21 < kept(PORT, rim, ahead + tip) < 0.42
         assert kept(PORT, 1.2 * rim, ahead + tip) < 0.1
-        assert 2 * float(roslf.quantity("field_half_width_mm")(shown.images.camera, ahead)) == pytest.approx(
+        assert 2 * float(roslf.QUANTITIES["field_half_width_mm"](shown.images.camera, ahead)) == pytest.approx(
             field.width_mm, rel=1e-9
         )
     assert ObjectField.of(shown.seen, 100.0, "").width_mm > 1.4 * answer.at[0].width_mm

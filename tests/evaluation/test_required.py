@@ -319,7 +319,7 @@ def test_a_real_lens_is_held_to_its_traced_field():
     design = loads(preset_path("paper-singlet").read_text() + "\n[required]\nfield_of_view_width_deg = {min = 1}\n")
     result = roslf.evaluate(design)
     assert result.required[0].value == result.answer.field_of_view_deg.width
-    assert result.required[0].thin_twin == float(roslf.quantity("field_of_view_width_deg")(roslf.Camera.of(design)))
+    assert result.required[0].thin_twin == float(roslf.QUANTITIES["field_of_view_width_deg"](roslf.Camera.of(design)))
 
 
 def test_a_real_lens_gets_no_tick_by_a_number_of_its_thin_twin():
@@ -327,7 +327,7 @@ def test_a_real_lens_gets_no_tick_by_a_number_of_its_thin_twin():
     preset = preset_path("paper-singlet").read_text()
     fast = preset.replace('"2.9 mm"', '"12 mm"')  # spherical aberration counts
     place, thin = 200.0, roslf.Camera.of(loads(fast))
-    twin = float(roslf.quantity("mtf50_lp_per_mm")(thin, at=place))
+    twin = float(roslf.QUANTITIES["mtf50_lp_per_mm"](thin, at=place))
     traced = roslf.evaluate(loads(fast), at=[place]).answer.at[1]
     assert traced.limited_by == "contrast"
     assert traced.usable_lp_per_mm < twin  # else this tests nothing

@@ -203,7 +203,7 @@ def test_parts_that_miss_a_limit_by_rays_where_they_end_are_not_listed(monkeypat
     share = 1.0
     monkeypatch.setattr(
         "roslf_design.evaluation.field_images.FieldImages.half_field",
-        lambda shown, way, at: share * float(roslf.quantity("field_half_width_mm")(shown.images.camera, at)),
+        lambda shown, way, at: share * float(roslf.QUANTITIES["field_half_width_mm"](shown.images.camera, at)),
     )
     limit = Constraint(quantity="field_half_width_mm", min=31.0)
     problem = posed({"d_f": (250, 450)}, [limit], Goal(quantity="sigma_z_mm", direction="min"), design=SINGLET)

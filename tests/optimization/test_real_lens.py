@@ -136,7 +136,7 @@ def test_a_field_of_the_whole_camera_is_held_as_rays_tell_it():
 def test_the_widest_aperture_that_is_sharp_is_where_a_scan_by_rays_finds_it():
     """The singlet, refocused, is this sharp between about 3.6 and 7.6 mm, and searches start far from there."""
     scanned = np.geomspace(7.45, 7.75, 9)
-    detail = roslf.quantity("mtf50_lp_per_mm")
+    detail = roslf.QUANTITIES["mtf50_lp_per_mm"]
     sharp = [FieldImages.of(SINGLET.replace(D_F=float(each))).told(detail, None) for each in scanned]
     limit, goal = Constraint(quantity=detail.name, min=3.38), Goal(quantity="f_number_pupil", direction="min")
     answer = solve_by_rays(posed({"D_F": (0.5, 20)}, [limit], goal, design=SINGLET), Settings(starts=1, check=False))
@@ -152,12 +152,12 @@ def test_what_rays_told_at_two_places_holds_at_both_and_lies_between():
     ends, middle = np.array([[0.1], [0.9]]), np.array([[0.5]])
     for end in ends:
         problem, _ = problem.told_by_rays(end)
-    told = [FieldImages.of(problem.design_at(end)).told(roslf.quantity("field_half_width_mm"), None) for end in ends]
+    told = [FieldImages.of(problem.design_at(end)).told(roslf.QUANTITIES["field_half_width_mm"], None) for end in ends]
     rows = [row.label.startswith("field_half_width_mm") for row in problem.rows]
     for found in (problem.vector(ends)[1:], problem.limits(ends)):
         assert 31.0 * np.exp(-found[rows][0]) == pytest.approx(told, rel=1e-9)
     assert [problem.number(problem.constraints[0], end) for end in ends] == pytest.approx(told, rel=1e-9)
-    thin = roslf.quantity("field_half_width_mm")(problem.cameras(np.vstack([ends, middle])), None)
+    thin = roslf.QUANTITIES["field_half_width_mm"](problem.cameras(np.vstack([ends, middle])), None)
     shares = 31.0 * np.exp(-problem.limits(np.vstack([ends, middle]))[rows][0]) / thin
     assert shares[2] == pytest.approx(np.sqrt(shares[0] * shares[1]), rel=1e-9)
     assert abs(shares[0] / shares[1] - 1) > 1e-3
@@ -171,7 +171,7 @@ def test_points_of_a_front_are_told_by_rays_of_their_own():
     assert len(front.points) >= 3
     for point in front.points:
         shown = FieldImages.of(problem.design.replace(**point.variables_mm))
-        told = shown.told(roslf.quantity("field_half_width_mm"), None)
+        told = shown.told(roslf.QUANTITIES["field_half_width_mm"], None)
         assert point.goals["field_half_width_mm"] == pytest.approx(told, rel=1e-9)
 
 
@@ -182,7 +182,7 @@ def test_an_answer_holds_its_limits_as_rays_tell_them_where_it_is(monkeypatch):
     shares = chain([1.0], repeat(0.1))
     monkeypatch.setattr(
         "roslf_design.evaluation.field_images.FieldImages.half_field",
-        lambda shown, way, at: next(shares) * float(roslf.quantity("field_half_width_mm")(shown.images.camera, at)),
+        lambda shown, way, at: next(shares) * float(roslf.QUANTITIES["field_half_width_mm"](shown.images.camera, at)),
     )
     answer = solve_by_rays(problem, Settings(starts=1, check=False))
     assert not answer.feasible
