@@ -181,7 +181,7 @@ def write_calibration(result: Outcome, output: Path, command: str) -> tuple[Repo
 
 def _print_plan(design: str, asked: PlanOptions, distortion: int | None, json: bool) -> None:
     """Expected errors of a calibration that is planned, on stdout; refused where captures do not determine a camera."""
-    loaded, build, whose = known_before(Path(design), asked.seed)
+    loaded, build, whose, focused = known_before(Path(design), asked.seed)
     with StatusLine("calibrate") as status:
         status.tell("planning")
         plan = calibration_plan(loaded, asked, distortion)
@@ -199,5 +199,5 @@ def _print_plan(design: str, asked: PlanOptions, distortion: int | None, json: b
         told |= {"cover": plain(plan_cover(loaded, plan.captures, asked))}
         print(json_text({**plan.to_dict(loaded.name, asked.seed), **told}))
         return
-    blocks = pages.plan_blocks(loaded, plan, asked, build, whose)
+    blocks = pages.plan_blocks(loaded, plan, asked, build, whose, focused)
     print_titled(f"Plan of a calibration of {loaded.name}, {whose} known before", blocks)

@@ -625,9 +625,9 @@ def warmth(evaluation: Evaluation) -> str:
     """Where the camera is in focus at the temperatures that it meets, in a sentence; empty where none is told."""
     if (warm := evaluation.temperature) is None or len(warm.at) < 2:
         return ""
-    shifts = (decimals(row.focus_shift_pitches, 3, "+") for row in warm.at)
+    shifts = (f"{decimals(row.focus_shift_pitches, 3, '+')} pitches" if row.fits else "no camera" for row in warm.at)
     planes = [
-        f"{row.focal_plane_mm:.6g} mm at {row.temperature_degc:g} °C ({shift} pitches)"
+        f"{row.focal_plane_mm:.6g} mm at {row.temperature_degc:g} °C ({shift})"
         for row, shift in zip(warm.at, shifts, strict=True)
     ]
     still = f" No material is named of {listed(list(warm.not_named))}: nothing there changes." if warm.not_named else ""

@@ -205,9 +205,9 @@ class _Ranker:
         """Optimise a combination from the middle of a box, and from another point of it."""
         try:
             problem = self.combinations.problem_at(number)
-        except InputError:
+        except InputError as error:
             self.done[number] = True
-            self.reasons[number] = "no camera within the bounds"
+            self.reasons[number] = f"no camera within the bounds: {error.problems[0]}"
             return
         begin = [(low + high) / 2, low + self.middle * (high - low)]
         asked = problem

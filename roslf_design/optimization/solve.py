@@ -625,6 +625,7 @@ def _check(
 
 def _notes(searches: Sequence[Search], wanted: int, budget: SearchBudget, settings: Settings) -> list[str]:
     notes, tried = [], f"after {len(searches)} of {wanted} starts"
+    tried += f" (the design's own point and {settings.starts} more)" * (wanted == settings.starts + 1)
     if budget.ended == "evaluations":
         counts = f", {budget.each} a design whose depth is summed behind a real lens," if budget.each else ""
         spent = f"the budget of {settings.budget} evaluations{counts} was spent {tried}"

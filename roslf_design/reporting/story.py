@@ -49,7 +49,7 @@ from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Stateme
 from .calibrate.pages import Calibrated, calibrated_finding, plan_finding, read_calibration
 from .design.pages import design_report, making
 from .sheet.lines import BuildSpread, CalibrationSpread, SpreadSources, basis
-from .tolerance.pages import tolerance_finding
+from .tolerance.pages import focus_words, tolerance_finding
 
 if TYPE_CHECKING:
     from ..optimization.study import Result
@@ -567,16 +567,18 @@ def _known(calibration: Path | PlanOptions, named: Design) -> CalibrationSpread:
 
 
 def _looked(design: Design, calibration: Path | PlanOptions | None) -> LengthCovariance | None:
-    return _first_look_lengths(design, calibration.seed) if isinstance(calibration, PlanOptions) else None
+    return lengths_built(_first_look_plan(design, calibration.seed)) if isinstance(calibration, PlanOptions) else None
 
 
-def _first_look_lengths(design: Design, seed: int) -> LengthCovariance:
-    """Lengths as built to default tolerances, known before a calibration that is planned."""
-    return lengths_built(tolerance_plan(quick_study(design, seed), design)[0])
+def _first_look_plan(design: Design, seed: int) -> TolerancePlan:
+    """Builds to default tolerances, known before a calibration that is planned."""
+    return tolerance_plan(quick_study(design, seed), design)[0]
 
 
-def known_before(path: Path, seed: int) -> tuple[Design, LengthCovariance, str]:
+def known_before(path: Path, seed: int) -> tuple[Design, LengthCovariance, str, str]:
     """Design of a file, or of a tolerance study, its lengths before a calibration, and in words by whose tolerances.
+
+    Then words on how builds are focused, after a comma.
 
     Raises
     ------
@@ -585,9 +587,10 @@ def known_before(path: Path, seed: int) -> tuple[Design, LengthCovariance, str]:
     """
     if load_story_or_study(path)[0] != "tolerance":
         design = as_design(str(path))
-        return design, _first_look_lengths(design, seed), f"default tolerances ({GRADE} grade)"
+        plan = _first_look_plan(design, seed)
+        return design, lengths_built(plan), f"default tolerances ({GRADE} grade)", focus_words(plan)
     plan = tolerance_plan(read_toml(path, str(path)), None, path.parent, str(path))[0]
-    return plan.question.design, lengths_built(plan), f"tolerances of the study {plan.name}"
+    return plan.question.design, lengths_built(plan), f"tolerances of the study {plan.name}", focus_words(plan)
 
 
 def _known_if_told(calibration: Path, named: Design) -> CalibrationSpread | None:

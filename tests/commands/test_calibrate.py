@@ -477,6 +477,7 @@ def test_a_plan_of_a_study_knows_its_tolerances_before(tmp_path, capsys):
     assert "bench system, tolerances of the study own known before" in said
     u = float(depth_budget(Camera.of(design), build=made).expanded_mm)
     assert f"Uncalibrated, by tolerances of the study own alone: {uncertainty(u, 3, '± ')} in the focal plane" in said
+    assert "in the focal plane, not focused at assembly" in said
 
 
 def test_the_plan_of_the_paper(capsys):

@@ -12,7 +12,7 @@ from roslf_design.camera import Camera
 from roslf_design.design import load
 from roslf_design.errors import InputError
 from roslf_design.reporting.story import quick_study
-from roslf_design.reporting.tolerance.pages import _travel_words, headline, remedies, set_words, tables
+from roslf_design.reporting.tolerance.pages import _travel_words, focus_words, headline, remedies, set_words, tables
 from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.budgets import _adjusted, _Builds, search_trials, searched_builds
@@ -474,7 +474,9 @@ def test_parts_set_without_error_are_told_beside_the_depth_that_rests_on_it():
     assert set_words(plan).startswith(", d_1 set without error")
     assert not [p for p in plan.draws.perturbations if p.place.startswith("compensators.")]
     plan, *_ = study(load("paper"), grade="high", compensators=[{**FOCUS, "error": "10 um"}])
-    assert set_words(plan) == ""
+    assert set_words(plan) == focus_words(plan) == ""  # focused, and it is said how well
+    plan, *_ = study(load("paper"), grade="high")
+    assert focus_words(plan) == ", not focused at assembly"
 
 
 def test_a_focus_of_which_nobody_says_what_it_leaves_is_as_fine_as_views_show_it():

@@ -529,8 +529,9 @@ def plan_blocks(
     asked: PlanOptions,
     build: LengthCovariance | None = None,
     whose: str = "tolerances",
+    focused: str = "",
 ) -> tuple[Block, ...]:
-    """A plan with its promise and its changes; with the `build`'s tolerances, where these are known, and `whose`."""
+    """A plan with its promise and its changes; with the `build`'s tolerances, where known, `whose`, how `focused`."""
     c, before = plan.captures, plan.expected
     supposed, others = "by captures alone", list[str]()
     promises, changed, whence = "Expected from these captures", "Expected sigma after one change", VARIANCE
@@ -539,7 +540,7 @@ def plan_blocks(
         supposed = "with tolerances known before"
         wide = bare.expanded_words("± ")
         others = [
-            f"Uncalibrated, by {whose} alone: {wide} in the focal plane.",
+            f"Uncalibrated, by {whose} alone: {wide} in the focal plane{focused}.",
             f"By captures alone, of a camera whose tolerances nobody knows: ± {_rounded(u)} in the focal plane.",
         ]
         promises += ", without tolerances"

@@ -114,7 +114,9 @@ def answers(trial: Trial) -> tuple[Block, ...]:
 def _what(trial: Trial) -> str:
     run, count = trial.first, len(trial.runs)
     known = run.depth[run.measured]
-    between = f", between {distances(run.geometry, float(known.min()), float(known.max()))}" if known.size else ""
+    between = (
+        f", which lies between {distances(run.geometry, float(known.min()), float(known.max()))}" if known.size else ""
+    )
     wrong = trial.believed is not trial.raw.design
     other = f" Depth is computed for another camera, {trial.believed.name}." if wrong else ""
     times, alike = ("one exposure", "") if count == 1 else (f"{count} exposures", ", which differ by noise alone")

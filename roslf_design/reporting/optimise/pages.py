@@ -239,6 +239,7 @@ def _about_optimum(result: Result) -> Iterator[Statement]:
     if ranking is not None and ranking.best and ranking.best[0].search.merit < answer.merit - SAME:
         parts = ", ".join(ranking.ordered(ranking.best[0]).values())
         better = f"With other parts, first of the list below, it is better: {parts}, {_reached(result, 'parts-01')}."
+        better += " Take parts-01.toml; best.toml keeps the study's own."
         optimum = replace(optimum, text=f"{optimum.text} {better}")
     yield _as_required(optimum, result, "best")
     for fault in result.faults:

@@ -237,13 +237,19 @@ def depth_sentence(budget: DepthBudget | None, plan: TolerancePlan) -> str:
     design = plan.question.design
     where = f"in the focal plane, {number(_focus(design))} mm ahead"
     text = (
-        f"Depth, expected, uncalibrated: {budget.words}, {where}{set_words(plan)}. Believe it until a camera is "
+        f"Depth, expected, uncalibrated: {budget.words}, {where}{focus_words(plan)}. Believe it until a camera is "
         "calibrated, then that of its calibration (`roslf calibrate --plan`)."
     )
     if not (searched := plan.adjusters_to_limits):
         return text
     adjusted = words.listed([short_name(adjuster.place, design) for adjuster in searched])
     return f"{text} The study adjusts {adjusted} to its limits{', not to the focus' * (searched == plan.adjusters)}."
+
+
+def focus_words(plan: TolerancePlan) -> str:
+    """Words on whether, and how well, each build is focused, after a comma; empty where its `error` says how well."""
+    focused = any(adjuster.aim == "focus" for adjuster in plan.adjusters)
+    return set_words(plan) + ", not focused at assembly" * (not focused)
 
 
 def set_words(plan: TolerancePlan) -> str:
@@ -415,7 +421,9 @@ def remedies(result: StudyResult) -> str:
         return f"Cheapest: {told(best)}" + ("" if best == alone[0] else f" Of one tolerance alone: {told(alone[0])}")
     remedy = "All tolerances together, down to a thousandth of what they are, do not reach it"
     if result.scale_for_target is not None:
-        remedy = f"Tighten all tolerances to {result.scale_for_target[0]:.3g} of what they are, or the worst few"
+        remedy = f"Tighten all tolerances to {result.scale_for_target[0]:.3g} of what they are"
+        worst = [short_name(place, result.plan.question.design) for place, share in ranking(result)[:3] if share > 0.01]
+        remedy += f"; {words.listed(worst)} count most" if worst else ""
     elif result.budget is not None:
         remedy += ", nor does one alone or an adjustment at assembly: change the nominal design or the limits"
     else:
@@ -480,8 +488,9 @@ def statements(result: StudyResult, first_look: bool = False) -> Iterator[Statem
         yield Statement("plain" if enough else "caution", _travel_words(result, use))
     if result.final.weakest.result.value == 1:
         weakest = in_words(result.final.weakest.label)
+        whose = " of the study's own" * (result.together.value < 1)
         yield Statement(
-            "plain", f"Every build {_of_those(result)}holds every limit; least margin is left to {weakest}."
+            "plain", f"Every build {_of_those(result)}holds every limit{whose}; least margin is left to {weakest}."
         )
 
 
