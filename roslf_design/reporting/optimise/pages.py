@@ -241,6 +241,10 @@ def _about_optimum(result: Result) -> Iterator[Statement]:
         better = f"With other parts, first of the list below, it is better: {parts}, {_reached(result, 'parts-01')}."
         better += " Take parts-01.toml; best.toml keeps the study's own."
         optimum = replace(optimum, text=f"{optimum.text} {better}")
+    edges = [one.limit for one in answer.active if one.multiplier > PRESSED and not (one.bound or one.always)]
+    if len(edges) > 1 and result.robust is None:
+        said = f"It stands on {len(edges)} limits at once, which few builds hold together: ask for [robust]."
+        optimum = replace(optimum, text=f"{optimum.text} {said}")
     yield _as_required(optimum, result, "best")
     for fault in result.faults:
         said = f"Beyond the study's limits `roslf evaluate best.toml` finds a fault: {fault.text}."

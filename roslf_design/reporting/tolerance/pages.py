@@ -360,7 +360,8 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
     """The yield as an answer, with what would mend it; neither good nor bad by default limits."""
     text, lead = headline(result, not first_look), len(_yield_words(result, not first_look))
     if first_look:
-        return Statement("plain", f"{text}, by default limits, not yours.", lead=lead)
+        close = " Parts stand closer than default tolerances: have spacers made to the gap (its own [[perturb]])."
+        return Statement("plain", f"{text}, by default limits, not yours.{close * _collide(result)}", lead=lead)
     untold, missed = _beside(result), _missed_beside(result)
     text += f" ({name})." if name else "."
     if untold:
@@ -519,6 +520,11 @@ def _untraced(result: StudyResult) -> Iterator[str]:
                 "each say behind the paper's singlet: leave it a margin, or hold non_distortion_room_mm at a field, "
                 "which is traced"
             )
+
+
+def _collide(result: StudyResult) -> bool:
+    """Whether builds fail as parts collide."""
+    return any(fault.endswith(COLLIDE) for fault, _ in result.final.faults)
 
 
 def _of_those(result: StudyResult) -> str:
