@@ -405,12 +405,12 @@ def expected_errors(
     names, pupil = shared_names(distortion), _pupil(camera, sheet)
     end, what = max((pupil, "FAP is"), (0.0 if sheet.space is None else sheet.space.end, "farthest element ends"))
     if captures.distance - captures.distance_range / 2 <= end:
-        fits = f"a distance beyond {end + captures.distance_range / 2:.1f} mm fits"
+        instead = f"a distance beyond {end + captures.distance_range / 2:.1f} mm fits"
         if captures.distance > end:
-            fits = f"a range of {captures.distance - end:.3g} mm fits there, half way to it at the nearest"
+            instead = f"a range of {captures.distance - end:.3g} mm fits there, half way to it at the nearest"
         raise CalibrationError(
             f"boards at {captures.distance:g} mm over {captures.distance_range:g} mm reach into the bore: the {what} at"
-            f" {end:.1f} mm from the lens; {fits}"
+            f" {end:.1f} mm from the lens; {instead}"
         )
     if captures.views == 1 or captures.boards == 1:
         raise CalibrationError(f"these captures do not determine A, m and d_2: {reason(captures)}")
