@@ -183,7 +183,8 @@ def field_at(design: Design, distance: float) -> tuple[float, float]:
 
     Where light ends before its corners, of the part of its shape whose corners are lit.
     """
-    camera, lit = camera_of(design), float(lit_radius(Camera.of(design)))
+    camera = camera_of(design)
+    lit = float(lit_radius(Camera.of(design), (camera.x_0, camera.y_0)))
     scale = 2 * camera.d * abs(distance - pupil_of(design)) / camera.A
     scale *= min(1.0, max(lit, camera.d) / (camera.d * math.hypot(camera.x_0, camera.y_0)))
     return camera.x_0 * scale, camera.y_0 * scale

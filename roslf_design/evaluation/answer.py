@@ -275,7 +275,8 @@ class FirstAnswer:
         around = f" in {self.medium}" if self.medium else ""
         dark = ""
         if (sensor := self.sensor_field_of_view_deg) is not None:
-            dark = f"; lit no farther, the sensor spans {number(sensor.width, 3)} x {number(sensor.height, 3)} deg"
+            spans = f"{number(sensor.width, 3)} x {number(sensor.height, 3)} deg"
+            dark = f"; lit no farther, the sensor spans {spans}, diagonal {number(sensor.diagonal, 3)} deg"
         rows = [
             (
                 "field of view",

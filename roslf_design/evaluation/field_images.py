@@ -222,15 +222,15 @@ class FieldImages:
     @cached_property
     def _lit_to(self) -> Array:
         """Share of the way to each of the sensor's nearest sides, left, right, below and above, that gets light."""
-        return self._lit(field_of_view.feet(light.sensor_field(self.images.camera)))
+        return self._lit(field_of_view.feet(light.sensor_field(self.images.camera)), all_round=True)
 
-    def _lit(self, ends: Any) -> Array:
-        """Share of the ways from the axis to places on the array that gets light, 1 of all; (N,)."""
+    def _lit(self, ends: Any, *, all_round: bool = False) -> Array:
+        """Share of the ways from the axis to places on the array that gets light, in all others too; 1 of all; (N,)."""
         if self.design.main_lens.kind.mounted:
             return lit_share(self.design, ends)
-        radius = float(lit_radius(self.images.camera))
-        away = np.hypot(*np.asarray(ends, float).T)
-        return np.asarray(np.minimum(1.0, max(radius, 0.0) / np.maximum(away, 1e-300)))
+        x, y = np.asarray(ends, float).T
+        radius = lit_radius(self.images.camera, None if all_round else (x, y))
+        return np.asarray(np.minimum(1.0, np.maximum(radius, 0.0) / np.maximum(np.hypot(x, y), 1e-300)))
 
     def light_end(self, quantity: Quantity) -> str:
         """Words on what ends a field before the sensor does, and the remedy; empty where nothing does."""
@@ -250,7 +250,9 @@ class FieldImages:
         beyond = images_of(self.design, on_array(camera, np.minimum(1.0, PAST * shares)[:, np.newaxis] * ways))
         if np.any(np.isnan(beyond.directions)):
             return "the lens does not image a rim so wide: a better corrected or wider one, or a smaller field"
-        pair = [rim.opening.partition(",")[0] for rim in min(lit_pairs(camera), key=lambda pair: float(pair[2]))[:2]]
+        x, y = ways[np.argmin(shares)]
+        darkest = min(lit_pairs(camera, (x, y)), key=lambda pair: float(pair[2]))
+        pair = [rim.opening.partition(",")[0] for rim in darkest[:2]]
         wider = [the(name) for name in dict.fromkeys(pair) if name != camera.fap.opening]
         both = listed([the(name) for name in pair])
         return f"{both} leave less than a third of the pencils there: widen {listed(wider)}"

@@ -8,7 +8,7 @@ told of the object's size and distortion, come from the same rays (`.chief_rays`
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +21,8 @@ from ..units import parse_in, read_quantity
 from .chief_rays import ChiefRays, Place, Places, chief_rays
 from .light import SensorField, chief_spread, object_scale, sensor_field
 
+Lit = Callable[[Array, Array], Array] | None
+"""Radius on the array to which light reaches towards places [mm]; None where all is lit."""
 NEAR = 0.002
 """Part of a pitch to either side of a microlens, between whose chief rays its scale is taken."""
 STEPS, SETTLED = 60, 1e-13
@@ -48,10 +50,10 @@ def between(first: Array, second: Array) -> Array:
     return np.asarray(np.rad2deg(np.arctan2(crossed, (first * second).sum(-1))))
 
 
-def ends(field: SensorField, lit: Number = np.inf) -> tuple[tuple[Place, Place], ...]:
+def ends(field: SensorField, lit: Lit = None) -> tuple[tuple[Place, Place], ...]:
     """Opposite ends of the field from the lens's axis: left and right, below and above, of both diagonals [mm].
 
-    Those beyond the radius to which light reaches lie on that circle, in the same directions.
+    Those beyond where light reaches lie where it ends, in the same directions.
     """
     (x0, y0), (x1, y1) = field
     x, y = (x0 + x1) / 2, (y0 + y1) / 2
@@ -59,17 +61,17 @@ def ends(field: SensorField, lit: Number = np.inf) -> tuple[tuple[Place, Place],
     return tuple((_lit_part(*one, lit), _lit_part(*other, lit)) for one, other in pairs)
 
 
-def _lit_part(x: Array, y: Array, lit: Number) -> Place:
-    """A place or, beyond the radius to which light reaches, where the way to it leaves that circle."""
-    if np.all(lit == np.inf):
+def _lit_part(x: Array, y: Array, lit: Lit) -> Place:
+    """A place or, beyond where light reaches, where it ends on the way there."""
+    if lit is None:
         return x, y
-    away = np.sqrt(x * x + y * y)  # complex numbers, too: derivatives
-    dark = away.real > np.asarray(lit).real
-    share = np.where(dark, np.where(np.asarray(lit).real > 0, lit, 0.0) / np.where(dark, away, 1.0), 1.0)
+    end, away = lit(x, y), np.sqrt(x * x + y * y)  # complex numbers, too: derivatives
+    dark = away.real > end.real
+    share = np.where(dark, np.where(dark, end, 1.0) / np.where(dark, away, 1.0), 1.0)
     return share * x, share * y
 
 
-def _of_ends(c: Camera, field: SensorField, lit: Number) -> tuple[tuple[ChiefRays, ChiefRays], ...]:
+def _of_ends(c: Camera, field: SensorField, lit: Lit) -> tuple[tuple[ChiefRays, ChiefRays], ...]:
     """Chief rays of the field's `ends`, in that order."""
     every = [place for pair in ends(field, lit) for place in pair]
     x, y = (np.stack(np.broadcast_arrays(*axis, np.empty(c.shape))[:-1]) for axis in zip(*every, strict=True))
@@ -78,12 +80,12 @@ def _of_ends(c: Camera, field: SensorField, lit: Number) -> tuple[tuple[ChiefRay
     return tuple(zip(each[::2], each[1::2], strict=True))
 
 
-def field_of_view(c: Camera, field: SensorField, lit: Number = np.inf) -> Across:
+def field_of_view(c: Camera, field: SensorField, lit: Lit = None) -> Across:
     """Full angles between the chief rays of the field's ends, from the entrance pupil [degrees]."""
     return Across.widest([between(a.directions, b.directions) for a, b in _of_ends(c, field, lit)])
 
 
-def tip_field_of_view(c: Camera, field: SensorField, ahead: Number | None, lit: Number = np.inf) -> Across:
+def tip_field_of_view(c: Camera, field: SensorField, ahead: Number | None, lit: Lit = None) -> Across:
     """Full angles under which the middle of the tip sees the field on a plane `ahead` of it [degrees].
 
     None is the focal plane.
@@ -96,7 +98,7 @@ def tip_field_of_view(c: Camera, field: SensorField, ahead: Number | None, lit: 
     return Across.widest([between(direction(a), direction(b)) for a, b in _of_ends(c, field, lit)])
 
 
-def object_field(c: Camera, field: SensorField, ahead: Number | None, lit: Number = np.inf) -> Across:
+def object_field(c: Camera, field: SensorField, ahead: Number | None, lit: Lit = None) -> Across:
     """Width, height and diagonal of the field on a plane `ahead` of the tip, or the focal plane if None [mm]."""
     z = _plane(c, ahead)
     return Across.widest([_apart(a.on_plane(z), b.on_plane(z)) for a, b in _of_ends(c, field, lit)])
@@ -114,7 +116,7 @@ def _apart(one: Places, other: Places) -> Array:
     return np.asarray(np.hypot(*away))
 
 
-def apart(field: SensorField, lit: Number = np.inf) -> Across:
+def apart(field: SensorField, lit: Lit = None) -> Across:
     """Width, height and diagonal of the field on the array [mm]."""
     return Across.widest(
         [np.sqrt((x1 - x0) ** 2 + (y1 - y0) ** 2) for (x0, y0), (x1, y1) in ends(field, lit)]

@@ -50,6 +50,7 @@ from .depth_error import (
     seen_at,
 )
 from .disparity_error import axial_disparity_sigma
+from .field_of_view import Lit
 from .light import SensorField
 from .quantity import Depth, Listed, Quantity
 from .stop_images import MicrolensImages
@@ -171,23 +172,23 @@ def _over_field(form: Callable[[Camera, Depth, SensorField], Array]) -> dict[str
     return {"of": lambda c, at: form(c, at, light.sensor_field(c)), "over": form}
 
 
-def _over_lit(form: Callable[[Camera, Depth, SensorField, Number], Array]) -> dict[str, Any]:
+def _over_lit(form: Callable[[Camera, Depth, SensorField, Lit], Array]) -> dict[str, Any]:
     """`Quantity.of` and `Quantity.over` of what hangs on how much of that is lit, of a dark camera one microlens."""
     return {
-        "of": lambda c, at: form(c, at, light.sensor_field(c), np.maximum(vignetting.lit_radius(c), c.d / 2)),
-        "over": lambda c, at, field: form(c, at, field, np.inf),
+        "of": lambda c, at: form(c, at, light.sensor_field(c), vignetting.lit_to(c)),
+        "over": lambda c, at, field: form(c, at, field, None),
         "lit": True,
     }
 
 
-def _half_field(way: Literal["width", "height", "diagonal"]) -> Callable[[Camera, Depth, SensorField, Number], Array]:
+def _half_field(way: Literal["width", "height", "diagonal"]) -> Callable[[Camera, Depth, SensorField, Lit], Array]:
     """Half of what the sensor sees, lit, of a plane, over its width, height or diagonal."""
 
-    def of(c: Camera, at: Depth, field: SensorField, lit: Number) -> Array:
+    def of(c: Camera, at: Depth, field: SensorField, lit: Lit) -> Array:
         if c.chain.bends_rays:
             return np.asarray(getattr(field_of_view.object_field(c, field, at, lit), way) / 2)
         half = field.half_diagonal if way == "diagonal" else field.half[way == "height"]
-        dark = np.asarray(np.real(field.radius) > np.asarray(np.real(lit)))
+        dark = np.real(field.radius) > (np.inf if lit is None else np.real(vignetting.lit_radius(c)))
         if np.any(dark):
             half = np.where(dark, getattr(field_of_view.apart(field, lit), way) / 2, half)
         return product(half, light.object_scale(c, at))
@@ -217,9 +218,9 @@ def _half_fields() -> Iterator[Quantity]:
         )
 
 
-def _half_angle(c: Camera, _: Depth, field: SensorField, lit: Number) -> Array:
+def _half_angle(c: Camera, _: Depth, field: SensorField, lit: Lit) -> Array:
     if not c.chain.bends_rays:
-        half = np.minimum(field.half[0], np.maximum(lit, 0.0))
+        half = field.half[0] if lit is None else np.minimum(field.half[0], lit(field.half[0], np.zeros(())))
         return np.asarray(np.rad2deg(1.0) * light.field_angle(c, half))
     return field_of_view.field_of_view(c, field, lit).width / 2
 
@@ -270,7 +271,7 @@ def _angles(start: Literal["entrance pupil", "tip"]) -> Iterator[Quantity]:
     """Angles of view over the field's diagonal, width and height."""
     from_tip = start == "tip"
 
-    def of(c: Camera, field: SensorField, at: Depth, lit: Number) -> field_of_view.Across:
+    def of(c: Camera, field: SensorField, at: Depth, lit: Lit) -> field_of_view.Across:
         if from_tip:
             return field_of_view.tip_field_of_view(c, field, at, lit)
         return field_of_view.field_of_view(c, field, lit)

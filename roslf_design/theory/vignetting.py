@@ -8,7 +8,7 @@ at distance 0, which is Eq. 6.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from functools import partial
 from itertools import combinations, permutations
 from itertools import product as pairs_of
@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._arrays import Array, floats, magnitude, product, ratio
-from ..camera import Camera, Rim
+from ..camera import Camera, Number, Rim
 from ..design.parts import PATHS
 from ..words import listed, number, the
-from .chief_rays import chief_rays
+from .chief_rays import Place, chief_rays
+from .field_of_view import Lit
 from .leaning import leaning_radius, leaning_room
 from .light import SensorField, sensor_field
 from .stop_images import room_in_pupil, settled
@@ -118,6 +119,24 @@ def _straight_bounds(c: Camera, rim: Rim) -> Iterator[tuple[tuple[float, float],
         yield (turned * float(u), turned * float(v)), float(ratio(left, 2 * abs(way)))
 
 
+def undistorted_towards(c: Camera, ways: Array) -> Array:
+    """Radius on the array to which no rim cuts images, in each of some directions; of one build [mm].
+
+    Parameters
+    ----------
+    ways : ndarray, shape (N, 2)
+        Unit vectors from the main lens's axis.
+    """
+    scale = float(c.seen.inverse_m)
+    away = -math.copysign(1.0, scale) * ways
+
+    def at_rim(rim: Rim, radius: Array) -> Array:
+        ends = [ratio(max(edge, 0.0), np.maximum(away @ n, 0.0)) for n, edge in _straight_bounds(c, rim)]
+        return np.min(ends, axis=0) if ends else np.maximum(radius, 0.0)
+
+    return np.asarray(_rows(c, at_rim, undistorted_radii(c)).min(axis=0) / abs(scale))
+
+
 def _cut_from(c: Camera, field: SensorField, rim: Rim, bound: float) -> float:
     """Least radius of the places in a field that a rim cuts [mm]: `bound`, or where straight sides begin to in it."""
     ends = np.sort(np.reshape(field, (2, 2)) * -float(c.seen.inverse_m), axis=0).T
@@ -163,10 +182,11 @@ def undistorted_radii(c: Camera) -> Array:
     return _rows(c, at_rim, room_at(c, 0.0))
 
 
-def lit_pairs(c: Camera) -> Iterator[tuple[Rim, Rim, Array]]:
+def lit_pairs(c: Camera, towards: Place | None = None) -> Iterator[tuple[Rim, Rim, Array]]:
     """Each two openings, FAP and rims, and the radius on the array to which their common part is `LIT` wide [mm].
 
-    In the worst direction; inf of two that never part. Of discs in a row the common part of all is as wide as that of
+    In the worst direction, or towards places, where of straight sides that are met at an angle the shares of both
+    widths count together; inf of two that never part. Of discs in a row the common part of all is as wide as that of
     the two that have least. Openings that lean by design are left out.
     """
     d_3, gap = floats(c.seen.d_3, c.seen.gap)
@@ -176,25 +196,63 @@ def lit_pairs(c: Camera) -> Iterator[tuple[Rim, Rim, Array]]:
         between = c.seen.d_f - rim.distance
         scale, way = ratio(gap, between), product(ratio(d_3 - rim.distance, between), c.seen.inverse_m)
         seen.append((rim, rim.outline.scaled(magnitude(scale)), [scale * e for e in c.decentre(rim.part)], way))
-    left = 2 * LIT * np.min(np.broadcast_arrays(*(outline.inradius for _, outline, *_ in seen)), axis=0)
+    least = 2 * np.min(np.broadcast_arrays(*(outline.inradius for _, outline, *_ in seen)), axis=0)
     for (one, first, (x, y), way), (other, second, (u, v), way_2) in combinations(seen, 2):
-        normals = [axis for outline in (first, second) if outline.straight for axis in outline.axes] or [(1.0, 0.0)]
+        sides = [outline.axes for outline in (first, second) if outline.straight]
+        normals = [axis for axes in sides for axis in axes] or [(1.0, 0.0)]
         reach = (first.support(*axis) + second.support(*axis) for axis in normals)
-        room = np.min(np.broadcast_arrays(*reach), axis=0) - left
+        room = np.min(np.broadcast_arrays(*reach), axis=0) - LIT * least
         room = room - np.sqrt((x - u) ** 2 + (y - v) ** 2)  # complex numbers, too: derivatives
         parting = magnitude(way - way_2)
         never = np.real(parting) == 0
         radius = np.where(never, np.inf, room / np.where(never, 1.0, parting))
-        yield one, other, np.where(never & (np.real(room) < 0), -np.inf, np.where(np.isnan(radius), np.inf, radius))
+        radius = np.where(never & (np.real(room) < 0), -np.inf, np.where(np.isnan(radius), np.inf, radius))
+        if towards is not None and sides and np.any(parts := np.isfinite(radius)):
+            within = []
+            for axes in sides:
+                each = [
+                    first.support(*n) + second.support(*n) - magnitude(n[0] * (x - u) + n[1] * (y - v)) for n in axes
+                ]
+                lost = [parting / least * _along(n, towards) for n in axes]
+                within.append(_lit_between([width / least for width in each], lost))
+            radius = np.where(parts, np.maximum(radius, np.min(np.broadcast_arrays(*within), axis=0)), radius)
+        yield one, other, radius
 
 
-def lit_radius(c: Camera) -> Array:
-    """Radius on the array within which a field counts as lit [mm]; below 0 where none does."""
+def _along(normal: tuple[Number, Number], towards: Place) -> Array:
+    """Part of a way towards places that goes along a direction."""
+    x, y = towards
+    away = np.sqrt(np.asarray(x * x + y * y))
+    return magnitude(normal[0] * x + normal[1] * y) / np.where(away == 0, 1.0, away)
+
+
+def _lit_between(widths: Sequence[Array], lost: Sequence[Array]) -> Array:
+    """Way at which what is left of two widths across each other is `LIT`: of either, at most 1, and of both as product.
+
+    Widths are in units of the whole, and so is what each millimetre of way takes.
+    """
+    (a, b), (p, q) = widths, lost
+    each = [ratio(one - LIT, taken) for one, taken in ((a, p), (b, q))]
+    # (a - p r)(b - q r) = LIT at its smaller root, in the form that does not cancel.
+    half = (a * q + b * p) / 2
+    both = ratio(a * b - LIT, half + np.sqrt(np.square(a * q - b * p) / 4 + p * q * LIT))
+    return np.asarray(np.min(np.broadcast_arrays(*each, both), axis=0))
+
+
+def lit_radius(c: Camera, towards: Place | None = None) -> Array:
+    """Radius on the array within which a field counts as lit [mm], everywhere or towards places; below 0 of none."""
+    if towards is not None and any(rim.outline.straight for rim in c.openings):
+        return np.asarray(np.min(np.broadcast_arrays(*(radius for *_, radius in lit_pairs(c, towards))), axis=0))
     if lit_radius not in c.worked_out:  # several quantities of a camera hang on it
         radii = (radius for *_, radius in lit_pairs(c))
         c.worked_out[lit_radius] = np.asarray(np.min(np.broadcast_arrays(*radii), axis=0))
     radius: Array = c.worked_out[lit_radius]
     return radius
+
+
+def lit_to(c: Camera) -> Lit:
+    """Radius on the array to which light reaches towards places, of a dark camera one microlens [mm]."""
+    return lambda x, y: np.maximum(lit_radius(c, (x, y)), c.d / 2)
 
 
 class _TwoRims(NamedTuple):

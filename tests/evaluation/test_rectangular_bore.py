@@ -12,8 +12,16 @@ from roslf_design._arrays import sunflower
 from roslf_design.camera import Camera
 from roslf_design.effects.effect import Subject
 from roslf_design.effects.geometry import _vignetting
+from roslf_design.reporting.sheet.lines import basis
 from roslf_design.theory.light import sensor_field
-from roslf_design.theory.vignetting import corner_room, field_limit, room_at, undistorted_radii
+from roslf_design.theory.vignetting import (
+    corner_room,
+    field_limit,
+    lit_radius,
+    room_at,
+    undistorted_radii,
+    undistorted_towards,
+)
 
 PAPER = roslf.load("paper")
 SIZE = (11.3, 8.2)
@@ -161,3 +169,72 @@ def test_round_bores_are_judged_by_the_farthest_corner_as_ever(rims, aside):
     begin = sorted(cut["beyond_mm"] for cut in field_limit(camera).cuts)
     bounds = np.maximum(undistorted_radii(camera), 0)
     assert not begin or begin[0] == pytest.approx(bounds.min())
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.tuples(st.floats(6.0, 14.0), st.floats(6.0, 14.0), st.floats(-1.6, 1.6), st.floats(40.0, 82.0)),
+    st.sampled_from([None, (4.0, 3.0), (4.0, 4.0)]),
+)
+def test_light_ends_in_each_direction_where_a_third_of_the_rays_is_left(opening, sides):
+    aperture = {"diameter": 5.0, "distance": 5.0} if sides is None else rectangle(sides, opening[2], 5.0)
+    design = bore([rectangle(opening[:2], *opening[2:])], aperture, **{"main_lens.diameter": 40.0})
+    camera = Camera.of(design)
+    if design.aperture.shape == "circle":
+        points = 2.5 * sunflower(20_000)
+    else:
+        a, b = np.meshgrid(*[(np.arange(120) + 0.5) / 120 - 0.5] * 2)
+        a, b = design.aperture.sides[0] * a.ravel(), design.aperture.sides[1] * b.ravel()
+        cos, sin = math.cos(design.aperture.turn), math.sin(design.aperture.turn)
+        points = np.array([cos * a - sin * b, sin * a + cos * b])
+    turn = np.linspace(0, 2 * math.pi, 25)
+    ways = np.array([np.cos(turn), np.sin(turn)])
+    ends = lit_radius(camera, tuple(ways))
+    least = float(lit_radius(camera))
+    assert np.all(ends >= least * (1 - 1e-12))
+
+    def kept(share):
+        places = -share * ends * ways * design.d_f / design.d_1
+        return (outside(design, places, points) <= 0).mean(axis=1)
+
+    here = kept(1.0)
+    assert np.all((here > 0.2) & (here < 0.45)), here
+    assert np.all(kept(0.7) > here)
+    assert np.all(kept(1.4) < 0.25)
+
+
+def test_a_field_that_a_rectangle_lights_is_told_as_far_as_it_does():
+    design = bore([rectangle((12.0, 10.0), 0.0, at) for at in (13.0, 69.5, 82.1)])
+    answer = roslf.evaluate(design).answer
+    half = [side * design.d_f / design.d_1 for side in sensor_field(Camera.of(design)).half]
+    away = design.d_f - design.d_3
+    full = [2 * math.degrees(math.atan(side / away)) for side in (*half, math.hypot(*half))]
+    view = answer.field_of_view_deg
+    assert [view.width, view.height, view.diagonal] == pytest.approx(full, rel=1e-9)
+    assert answer.sensor_field_of_view_deg is None
+    assert "lit no farther" not in answer.rows[0][2]
+    # Lower, light ends over the height alone; the sheet says so there and at the diagonal.
+    low = design.replace({f"stops.{k}.sides": [14.0, 4.0] for k in range(3)} | {"aperture.diameter": 3.0})
+    remarks = {row.name: row.remark for row in basis(low).rows if row.subject == "Field of view"}
+    ended = {name.rpartition(", ")[2] for name, remark in remarks.items() if "lit no farther" in remark}
+    assert "vertical" in ended
+    assert "horizontal" not in ended
+    plate = {"kind": "plate", "distance": 81.0, "thickness": 1.0, "material": "sapphire", "name": "window"}
+    mirror = {"kind": "mirror", "distance": 75.0, "diameter": 16.8, "angle": math.pi / 4, "azimuth": math.pi / 2}
+    words = [row.remark for row in basis(design.replace({"elements": [mirror, plate]})).rows]
+    assert any("window, no diameter stated" in text for text in words)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(OPENING, min_size=1, max_size=2), FAP)
+def test_the_line_drawn_is_where_rays_begin_to_be_cut(openings, aperture):
+    design = bore([rectangle(one[:2], *one[2:]) for one in openings], aperture)
+    camera, turn = Camera.of(design), np.linspace(0, 2 * math.pi, 61)
+    ways = np.array([np.cos(turn), np.sin(turn)])
+    ends = undistorted_towards(camera, ways.T)
+    lens = float(undistorted_radii(camera)[0]) * design.d_1 / design.d_f
+    points = rim_of(design.aperture)
+    cut = (ends > 0) & (ends < lens * (1 - 1e-9))
+    for share, inside in ((0.998, True), (1.004, False)):
+        past = outside(design, -share * ends * ways * design.d_f / design.d_1, points).max(axis=1)[cut]
+        assert np.all(past <= 0) if inside else np.all(past > 0)

@@ -37,7 +37,7 @@ from ...evaluation.fields import field_openings
 from ...fates import ImageFate, RayFate
 from ...theory.exit_pupil import pupil_angle
 from ...theory.light import on_array, sensor_field
-from ...theory.vignetting import field_limit
+from ...theory.vignetting import field_limit, undistorted_towards
 from ...traced.camera import camera_of, microlenses, views
 from ...traced.images import measured_bound, real_field
 
@@ -45,6 +45,8 @@ LEFT, TOP, RIGHT, BELOW = 52.0, 26.0, 12.0, 42.0
 """Margins [px]."""
 MOST_SHOWN = 1.68
 """Part of the plane that a map shows at most, in sizes of the array or of the circle of Eq. 6."""
+OUTLINE = 720
+"""Directions in which the line of Eq. 6 is drawn where openings have straight sides."""
 TWINS = (line_key("thin-lens model", "grey", 1.4, "6 4"), line_key("real lens", "blue", 2))
 """Keys of the two outlines of a microlens image behind a real lens."""
 
@@ -216,7 +218,14 @@ def _frames(design: Design) -> list[Mark]:
     marks.append(Area(*xy(sensor), "none", 1.0, "ground", 4.0))
     marks.append(Area(*xy(sensor), "none", 1.0, "blue", 2.0, testid="mla-sensor"))
     x, y, radius = _circle_of_eq_6(design)
-    if 0 < radius < math.inf:
+    if 0 < radius < math.inf and camera.has_straight_sides:
+        turn = np.linspace(0.0, 2 * np.pi, OUTLINE, endpoint=False)
+        ways = np.column_stack([np.cos(turn), np.sin(turn)])
+        ends = np.minimum(undistorted_towards(camera, ways), 2 * MOST_SHOWN * math.hypot(width, height))
+        edge = xy(on_array(camera, ends[:, np.newaxis] * ways))
+        marks.append(Area(*edge, "none", 1.0, "ground", 4.0))
+        marks.append(Area(*edge, "none", 1.0, "vermillion", 2.0, testid="eq6-outline"))
+    elif 0 < radius < math.inf:
         marks.append(Disc(x, y, radius, edge="ground", width=4.0))
         marks.append(Disc(x, y, radius, edge="vermillion", width=2.0, testid="eq6-circle"))
     return marks
@@ -236,6 +245,9 @@ def _cross(selected: Point, panel: Panel) -> list[Mark]:
 def _frame_keys(design: Design) -> list[Key]:
     _, _, radius = _circle_of_eq_6(design)
     bound = "at any radius" if math.isinf(radius) else "nowhere" if radius == 0 else f"within {short(radius)} mm"
+    if 0 < radius < math.inf and (camera := Camera.of(design)).has_straight_sides:
+        whole = not field_limit(camera).cuts
+        bound = "over all that the sensor sees" if whole else f"{bound} in the worst direction"
     limit = f"Eq. 6: undistorted {bound}"
     beyond = MOST_SHOWN * math.hypot(*design.microlens_array.size) / 2 < radius < math.inf
     circle = Key(f"{limit}, beyond the map" if beyond else limit, ())

@@ -152,12 +152,12 @@ def _wave_sheet(design: Design, _: Evaluation) -> Figure:
 
 
 def _map_sheet(design: Design, result: Evaluation) -> Figure:
-    fields = field_map(design)
+    fields, line = field_map(design), "line" if Camera.of(design).has_straight_sides else "circle"
     lost, dark = 1 - float(fields.kept.min()), float(np.mean(fields.kept == 0))
     left = (
         "No microlens on the array loses any of the pupil. Arrows"
         if lost == 0
-        else "Left: the pupil is cut outside the Eq. 6 circle; "
+        else f"Left: the pupil is cut outside the Eq. 6 {line}; "
         + (f"{100 * dark:.3g} % of the array gets no light at all" if dark else f"at most it loses {100 * lost:.3g} %")
         + ". Right: arrows"
     )

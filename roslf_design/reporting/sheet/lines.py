@@ -299,9 +299,11 @@ def _lines(
         spans = {
             f"field_of_view_{part}deg": f"; the sensor spans {number(getattr(sensor, way), 4)} deg"
             for part, way in ways.items()
+            if not math.isclose(getattr(sensor, way), getattr(pupil, way), rel_tol=1e-9)
         }
     for angle in _whole_camera("Field of view", camera, angles):
-        dark = f"lit no farther{spans.get(angle.quantity, '')}" if spans and angle.quantity in angles else ""
+        ended = angle.quantity.removeprefix("tip_") in spans
+        dark = f"lit no farther{spans.get(angle.quantity, '')}" if ended else ""
         yield angle._replace(remark=clauses(dark, angle.remark))
     near, far = sheet.depth_of_field_mm.view
     useful = math.nan if sheet.useful_to_mm is None else sheet.useful_to_mm
@@ -317,7 +319,7 @@ def _lines(
         at = f"at {number(field.at_mm, 4)} mm ({field.plane})"
         focal = field.plane == FOCUS
         plane = None if focal else field.at_mm
-        up = f"height {number(field.height_mm, 4)} mm{', lit no farther' if spans else ''}"
+        up = f"height {number(field.height_mm, 4)} mm{', lit no farther' if len(spans) > 1 else ''}"
         across = partial(_at_distance, QUANTITIES["field_half_width_mm"], plane, 2.0)
         yield _SheetLine("Object field", f"width {at}", field.width_mm, "mm", up, of=across)
         for quantity, line in _listed("Object field"):
@@ -396,7 +398,7 @@ def _part_words(sheet: Specification, camera: Camera) -> str:
     """Diameters of the parts, of a main lens whose mount is wider its clear one as well."""
     clear = float(camera.cold.D)
     return ", ".join(
-        f"{part.name} of {number(part.diameter_mm, 4)} mm"
+        (f"{part.name} of {number(part.diameter_mm, 4)} mm" if part.diameter_mm else f"{part.name}, no diameter stated")
         + f" (D = {number(clear, 4)} mm clear)" * (part.name == "main lens" and clear < 0.999 * part.diameter_mm)
         for part in sheet.parts
     )
