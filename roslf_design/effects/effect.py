@@ -125,14 +125,14 @@ class Subject:
         return self.brief.field_radius + math.hypot(*self.camera.decentre("microlens_array"))
 
     @cached_property
-    def outermost(self) -> list[list[float]]:
+    def outermost(self) -> list[tuple[float, float]]:
         """Places from the main lens's axis at which openings are asked what they cut [mm]: one is at `lens_field`.
 
         Corners of the field where its openings have straight sides.
         """
         if self.brief.field_radius is None and self.camera.has_straight_sides:
-            return np.asarray(self._field.corners).tolist()
-        return [[self.lens_field, 0.0]]
+            return [(float(x), float(y)) for x, y in self._field.corners]
+        return [(self.lens_field, 0.0)]
 
 
 class Estimate(NamedTuple):

@@ -561,8 +561,7 @@ def plan_blocks(
     if fewer <= LEAST_GAIN * float(depth.u_z_mm):
         remedy += f" Half the boards do nearly as well: with {c.boards // 2}, U = ± {_rounded(2 * fewer)}."
     answers = [Statement("plain", promise, remedy)]
-    large = too_large(design, c)
-    if large:
+    if large := too_large(design, c):
         answers.append(Statement("caution", sentence(large), sentence(smaller_board(design, c))))
     covered = cover_statement(plan_cover(design, c, asked), wider_board(design, c, asked))
     answers += filter(None, [covered, _far_end(design, plan, asked, build)])

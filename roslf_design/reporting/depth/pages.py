@@ -173,22 +173,7 @@ def statements(trial: Trial) -> Iterator[Statement]:
         yield Statement("bad" if trial.saturated > 1 - FEW else "caution", text, remedy)
     yield from _light_of_the_scene(trial)
     yield known(trial, summary)
-    if trial.aliased > 0:
-        text = (
-            f"Is the texture seen? In {_percent(trial.aliased)} of the field it aliases: far or tilted as it is there, "
-            "its finest detail has fewer than two microlenses a period."
-        )
-        remedy = "Depth errs more there, as predicted, or is unknown: look at a flatter or nearer part."
-        if trial.black:
-            text += f" So much contrast leaves {_percent(trial.black)} of it black, with edges finer than its detail."
-            remedy = "Views disagree there, and depth scatters more: give it a contrast of 0.15, or coarser detail."
-        yield Statement("caution", text, remedy)
-    elif trial.edge > 0:
-        text = (
-            f"Is the texture seen? Just: in {_percent(trial.edge)} of the field its finest detail has about two "
-            "microlenses a period, below which it aliases."
-        )
-        yield Statement("plain", text, "Detail coarser by a tenth leaves a margin.")
+    yield from _texture(trial)
     if summary.bias_mm is None or summary.spread_mm is None or summary.told_mm is None or summary.inside_68 is None:
         yield Statement("bad", "How good is it? Nothing to compare: no microlens has both a depth and a truth.")
         return
@@ -237,6 +222,26 @@ def statements(trial: Trial) -> Iterator[Statement]:
     elif far > 0:
         text += f" But {tail}, as beside a step or on a steep flank: check such places."
     yield _judged(text, windows, errors_right(summary), wrong)
+
+
+def _texture(trial: Trial) -> Iterator[Statement]:
+    """What of the texture is as fine as microlenses show, or finer; nothing of one that is coarser."""
+    if trial.aliased > 0:
+        text = (
+            f"Is the texture seen? In {_percent(trial.aliased)} of the field it aliases: far or tilted as it is there, "
+            "its finest detail has fewer than two microlenses a period."
+        )
+        remedy = "Depth errs more there, as predicted, or is unknown: look at a flatter or nearer part."
+        if trial.black:
+            text += f" So much contrast leaves {_percent(trial.black)} of it black, with edges finer than its detail."
+            remedy = "Views disagree there, and depth scatters more: give it a contrast of 0.15, or coarser detail."
+        yield Statement("caution", text, remedy)
+    elif trial.edge > 0:
+        text = (
+            f"Is the texture seen? Just: in {_percent(trial.edge)} of the field its finest detail has about two "
+            "microlenses a period, below which it aliases."
+        )
+        yield Statement("plain", text, "Detail coarser by a tenth leaves a margin.")
 
 
 def sphere_words(fit: SphereFit) -> str:
