@@ -225,7 +225,7 @@ def statements(trial: Trial) -> Iterator[Statement]:
 
 
 def _texture(trial: Trial) -> Iterator[Statement]:
-    """What of the texture is as fine as microlenses show, or finer; nothing of one that is coarser."""
+    """Sentence on a texture as fine as microlenses show, or finer; none on one that is coarser."""
     if trial.aliased > 0:
         text = (
             f"Is the texture seen? In {_percent(trial.aliased)} of the field it aliases: far or tilted as it is there, "
