@@ -41,7 +41,7 @@ DARKEST, HALVINGS = math.log(1e6), 12
 """Logarithm of the share of a full pixel from which on least light is looked for, and steps of that."""
 MARGINAL = 0.5
 """Share of the builds from which what is required is marginal, and no more missed."""
-OUTCOMES = {"met": "good", "marginal": "limit", "missed": "fault"}
+OUTCOMES = {"met": "good", "marginal": "limit", "not known": "limit", "missed": "fault"}
 """Levels of verdict of what is required, by its outcome."""
 
 

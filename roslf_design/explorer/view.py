@@ -454,16 +454,18 @@ def _light(verdicts: Sequence[Verdict], **words: str) -> dict[str, str]:
 
 
 def _asked(required: Sequence[Requirement]) -> dict[str, str]:
-    """Light of what is required: of one its value and limit, of several how many are met, and the first that is not."""
+    """Light of what is required: of one its value and limit, of several how many are met, and the first that is missed."""
     labels = [re.sub(r", \w+_\w+", "", one.label) for one in required]  # symbols stand in the sentence behind
     if len(required) == 1:
         value = "none" if required[0].told is None else short(required[0].told, 4)
         symbol = "u " if required[0].expanded(1.0) else ""
         return _light([required[0].verdict], title=labels[0], margin=f"{symbol}{value} of {required[0].limits}")
-    missed = [label for label, one in zip(labels, required, strict=True) if not one.met]
+    missed = [label for label, one in zip(labels, required, strict=True) if not (one.met or one.untold)]
     only = [one.only for one in required if one.met and one.only]
-    margin = f"{len(required) - len(missed)} of {len(required)} met"
+    margin = f"{sum(one.met for one in required)} of {len(required)} met"
     margin += f", {len(only)} {only[0] if len(set(only)) == 1 else 'with a reservation'}" if only else ""
+    unknown = sum(one.untold for one in required)
+    margin += f", {unknown} not known" * (unknown > 0)
     if missed:
         margin += f"; missed: {missed[0]}" + f" and {len(missed) - 1} more" * (len(missed) > 1)
     return _light([one.verdict for one in required], title="required", margin=margin, name="required")

@@ -24,6 +24,7 @@ from roslf_design.explorer.session import DownloadError, Session
 from roslf_design.explorer.state import FIELDS, LIGHT, STEPS, TABS
 from roslf_design.explorer.view import DRAWINGS, awaited_lights, glance, lights, with_cards
 from roslf_design.theory.depth_budget import WARMTH
+from tests.evaluation.test_required import SCANNER
 from tests.explorer.made import made_of
 from tests.laws import LETTERS
 from tests.pictures.designs import UNLIKE
@@ -566,6 +567,9 @@ def test_what_is_required_is_one_light():
     contrast = {"u_z_mm": {"max": 1.0}, "mtf50_lp_per_mm": {"min": 2.0}}
     reserved = lights(evaluate(load("rigid-scope").replace({"required": contrast})))[0]
     assert (reserved["margin"], reserved["level"]) == ("2 of 2 met, 2 with a reservation", "limit")
+    astray = loads(SCANNER).replace({"required": {"u_z_mm": {"max": 1e3}, "outer_diameter_mm": {"max": 99.0}}})
+    margin = lights(evaluate(astray))[0]["margin"]
+    assert margin == "1 of 2 met, 1 not known"
     met = {"field_of_view_deg": {"min": 1.0}, "outer_diameter_mm": {"max": 4.0}}
     whole = lights(evaluate(load("rigid-scope").replace({"required": met})))[0]
     assert (whole["margin"], whole["level"]) == ("2 of 2 met", "good")

@@ -40,6 +40,7 @@ from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.study import make_plan, read_study, tolerance_plan
 from roslf_design.tolerancing.yields import Yield
 from tests.commands.test_cli import run
+from tests.evaluation.test_required import SCANNER
 
 
 @pytest.fixture(scope="module")
@@ -606,6 +607,22 @@ def test_a_depth_that_builds_miss_uncalibrated_is_told_apart_from_the_yield():
     assert "depth, expected, u_Z, lengths known" in " ".join(summary(result).split())
     files = render_tables(tolerance_report(result, ""))
     assert "lengths known" in files["tables/limits.csv"].decode("utf-8-sig")
+
+
+def test_a_depth_that_no_formula_tells_is_no_pass_and_no_miss():
+    """Behind a fast achromat, whose aberrations set views astray."""
+    scanner = loads(SCANNER).replace({"required": {"expanded_u_z_mm": {"max": 0.5}}})
+    goals = [{"metric": "fill_factor", "min": 0.5, "max": 2.0}]
+    data = {"name": "head", "design": "paper", "trials": 64, "goals": goals, "sobol_samples": 0}
+    study, _, grades = read_study({**data, "perturb": [{"place": "microlens_array.distance", "tolerance": "1 um"}]})
+    plan = make_plan(study, scanner, grades)
+    result = analyse(plan, study, grades, tally_chunk(plan, 0), budgets=False)
+    (one,) = result.required
+    assert one.untold
+    assert "U is not known. 95 % interval" in headline(result)
+    assert _yield_statement(result).tone == "caution"
+    (row,) = (row for row in tables(result)[0].rows if row[0] == one.label)
+    assert row[-2].startswith("~ not known: ")
 
 
 def test_the_field_shown_of_a_metric_is_the_one_whose_room_scatter_uses_most_of():

@@ -194,7 +194,10 @@ def headline(result: StudyResult, judged: bool = True) -> str:
 def _yield_words(result: StudyResult, judged: bool) -> str:
     share, target = result.together.value, result.study.yield_target
     verdict = f": {outcome_of(share, target)} (target yield {100 * target:.4g} %)" if judged else ""
-    missed = [f"{one.label} is missed: {one.value_words} against {one.limits}" for one in _missed_beside(result)]
+    missed = [
+        f"{one.label} is {'not known' if one.untold else f'missed: {one.value_words} against {one.limits}'}"
+        for one in _missed_beside(result)
+    ]
     return f"Yield {100 * share:.2f} %{verdict}" + (f", and {words.listed(missed)}" if missed else "")
 
 
@@ -366,7 +369,7 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
     text += f" ({name})." if name else "."
     if untold:
         text += f" Not in it, as builds do not tell it: {words.listed([one.label for one in untold])}."
-    if result.calibration is None and any(one.quantity == "u_z_mm" for one in missed):
+    if result.calibration is None and any(one.quantity == "u_z_mm" and not one.untold for one in missed):
         text += " Missed by a camera that nobody calibrates; of a calibrated one believe its verdict with lengths as"
         text += " calibrated."
     tone = TONES[outcome_of(result.together.value, result.study.yield_target)]
@@ -654,8 +657,8 @@ def _required_rows(result: StudyResult, variants: Sequence[Variant]) -> Iterator
         if (share := share_that_meets(plan, result.final, one)) is None:
             known = "uncalibrated" if result.calibration is None else "calibrated"
             bare = f", {known}{_focused_as(plan)}" * (one.quantity == "u_z_mm")
-            outcome, without = "met" if one.met else "missed", f"{'not known' if one.untold else one.value_words}{bare}"
-            yield _LimitRow(one.label, asked, (*before, None), outcome, without=without)
+            outcome = "met" if one.met else "not known" if one.untold else "missed"
+            yield _LimitRow(one.label, asked, (*before, None), outcome, without=f"{one.value_words}{bare}")
         else:
             target = result.study.yield_target
             yield _LimitRow.of(one.label, asked, (*before, share), target, culprit_of(plan, one))
