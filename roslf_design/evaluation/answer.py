@@ -23,7 +23,7 @@ from ..theory.limits import limits
 from ..theory.quantities import QUANTITIES
 from ..traced.fields import DesignImages, IdealImages, images_of
 from ..words import clauses, listed, number, on_side, uncertainty
-from .field_images import CORNER, FieldImages, FieldOfView, ObjectField, sides
+from .field_images import ASTRAY, CORNER, FieldImages, FieldOfView, ObjectField, astray, sides
 from .resolved import resolved
 from .specification import depth_light
 from .stations import ASKED, FOCUS
@@ -196,7 +196,9 @@ class FirstAnswer:
                     camera, None if plane == FOCUS else distance, build=build, calibration=calibration
                 )  # fmt: skip
                 u, expanded, mostly = float(own.u_z_mm), float(own.expanded_mm), own.cause
-                caution = own.caution
+                miss = astray(images, 0, None if plane == FOCUS else distance)
+                bare = f"U is without aberrations, by which views miss one slope by {number(miss, 2)} pitches there"
+                caution = clauses(own.caution, bare * (miss > ASTRAY))
                 detail = resolved(images, 0, (plane, distance), "refocused")
                 lines, limit = detail.usable_lp_per_mm, detail.limited_by
             planes.append(

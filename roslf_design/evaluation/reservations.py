@@ -35,9 +35,9 @@ from ..theory.photometry import electrons, exposure
 from ..theory.quantities import NO_LENS_MOVES, QUANTITIES, quantity_named
 from ..theory.quantity import FEASIBLE, Quantity
 from ..theory.vignetting import passed
-from ..traced.fields import IdealImages, images_of
+from ..traced.fields import images_of
 from ..words import clauses, length, number, on_side, percent, the, uncertainty
-from .field_images import FieldImages, ends_of
+from .field_images import ASTRAY, FieldImages, astray, ends_of
 from .remedies import Holds, reaching
 from .specification import view_fold
 
@@ -78,9 +78,6 @@ HELD = "in the middle it is held"
 """Words on a depth that only the end of the field misses."""
 PAST_BORE = 1.02
 """Times what first order lets through a bore from which on a field is told to be beyond it: glass shifts steep rays."""
-ASTRAY = 0.1
-"""Ways by which views miss one slope [pitches] from which depth is not what closed forms tell: behind an AC254-045-A
-depths of a wall scatter 1.1 times as predicted at .04, 1.5 times at .14, 2.1 times at .34, biased by .75 of that."""
 SIMULATE = (
     "simulate it: `roslf depth` of the design with a flat --scene there tells spread and bias behind this lens; a "
     "smaller FAP or a better corrected lens lets closed forms tell it"
@@ -381,8 +378,8 @@ def _cause(one: Judged) -> Judged:
 
 def _real_lens(one: Judged) -> Judged:
     lens = one.shown.design.main_lens.kind
-    if one.met and one.depth is not None and lens.mounted and (astray := _astray(one)) > ASTRAY:
-        by = f"views miss one slope by {number(astray, 2)} pitches through {lens.name}"
+    if one.met and one.depth is not None and lens.mounted and (miss := _astray(one)) > ASTRAY:
+        by = f"views miss one slope by {number(miss, 2)} pitches through {lens.name}"
         told = one.told(by, remedy=SIMULATE, met=False)
         return replace(told, only="by formulas, which have none of the lens's aberrations", untold=True)
     if one.twin is not None:
@@ -416,7 +413,7 @@ def _of_corner(shown: FieldImages, quantity: Quantity, at: float | None, low: fl
 def _astray(one: Judged) -> float:
     """Standard deviation of the ways by which a real lens's views miss one slope, where it is asked for [pitches]."""
     place = (one.shown.images, 0) if one.on_axis else one.shown.off_axis(one.asked)
-    return 0.0 if place is None or isinstance(place[0], IdealImages) else place[0].astray(place[1], one.at)
+    return 0.0 if place is None else astray(*place, one.at)
 
 
 def _unseen(shown: FieldImages, asked: Required) -> str:

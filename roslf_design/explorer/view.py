@@ -454,7 +454,7 @@ def _light(verdicts: Sequence[Verdict], **words: str) -> dict[str, str]:
 
 
 def _asked(required: Sequence[Requirement]) -> dict[str, str]:
-    """Light of what is required: of one its value and limit, of several how many are met, and the first that is missed."""
+    """Light of what is required: of one its value and limit, of several how many are met, and the first missed."""
     labels = [re.sub(r", \w+_\w+", "", one.label) for one in required]  # symbols stand in the sentence behind
     if len(required) == 1:
         value = "none" if required[0].told is None else short(required[0].told, 4)

@@ -374,8 +374,10 @@ def test_a_depth_whose_views_aberrations_set_astray_is_not_known():
     assert "roslf depth" in verdict.remedy
     assert not loose.holds(0.0)
     assert (tight.met, tight.untold, tight.outcome) == (False, False, "missed")  # by formulas already
-    narrow = roslf.evaluate(design.replace(D_F=4.0)).required[0]
-    assert (narrow.met, narrow.untold) == (True, False)
+    assert "U is without aberrations" in result.answer.at[0].caution  # beside the number of the first table
+    small = roslf.evaluate(design.replace(D_F=4.0))
+    assert (small.required[0].met, small.required[0].untold) == (True, False)
+    assert "aberrations" not in small.answer.at[0].caution
     lens = camera_of(design)
     away, half = lens.first_order.front_principal - 90.0, lens.fap.diameter / 2
     moved = forward_rays(
