@@ -153,7 +153,7 @@ def test_the_light_that_depth_rests_on_is_told_with_how_it_goes_with_distance():
     scope = roslf.load("rigid-scope")
     even = roslf.evaluate(scope).depth.assumes
     falls = roslf.evaluate(scope.replace({"light.measured_at": 30.0})).depth.assumes
-    assert even.light == f"{number(scope.light.illuminance, 4)} lx, reflectance {scope.light.reflectance:g}"
+    assert even.light == f"{scope.light.illuminance:,.0f} lx, reflectance {scope.light.reflectance:g}"
     assert even.light_at_distances == "as bright at every distance"
     assert falls.light_at_distances == "falls as 1/z² from 30 mm"
     for one in (even, falls):
