@@ -799,7 +799,7 @@ def datasheet_section(grounds: SpreadSources, tell: Share = UNHEARD) -> Section:
             continue
         told = (_spread(line, sigma) for _, sigma in spreads)
         tables.setdefault(line.subject, []).append((line.name, _value(line), *told, line.remark))
-    widths, align = (22, 8, *(7 for _ in spreads), 0), f"ld{'l' * len(spreads)}l"
+    widths, align = (22, 10, *(7 for _ in spreads), 0), f"ld{'l' * len(spreads)}l"
     headings = ("", "value", *(heading for heading, _ in spreads), "")
     blocks: list[Block] = [Paragraph(grounds.words)]
     words = lens_words(grounds.design.main_lens.kind)
