@@ -234,8 +234,7 @@ def requirements(
         label, field = _label(shown, stated, quantity, asked), asked.off_axis
         numbers = (asked.at, low, high, None if judged.undefined else seen.value)
         words = (judged.counts, judged.only, judged.remedy)
-        there: tuple[Any, ...] = (judged.twin, field, judged.caution, seen.place, coverage)
-        there += (judged.untold,)
+        there: tuple[Any, ...] = (judged.twin, field, judged.caution, seen.place, coverage, judged.untold)
         told.append(Requirement(quantity.name, label, *numbers, quantity.unit, judged.met, *words, *there))
     return tuple(_with_conflict(shown.design, one, told) for one in told)
 

@@ -365,10 +365,10 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
     if first_look:
         close = " Parts stand closer than default tolerances: have spacers made to the gap (its own [[perturb]])."
         return Statement("plain", f"{text}, by default limits, not yours.{close * _collide(result)}", lead=lead)
-    untold, missed = _beside(result), _missed_beside(result)
+    beside, missed = _beside(result), _missed_beside(result)
     text += f" ({name})." if name else "."
-    if untold:
-        text += f" Not in it, as builds do not tell it: {words.listed([one.label for one in untold])}."
+    if beside:
+        text += f" Not in it, as builds do not tell it: {words.listed([one.label for one in beside])}."
     if result.calibration is None and any(one.quantity == "u_z_mm" and not one.untold for one in missed):
         text += " Missed by a camera that nobody calibrates; of a calibrated one believe its verdict with lengths as"
         text += " calibrated."
